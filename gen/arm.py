@@ -43,12 +43,12 @@ class Chain:
         return p[f"length_{j + 1}"] if self.kinds[j] == "revolute" else 0
 
     def bodies(self, p: Parameters) -> list[Body]:
-        """The links about their joints' axes; a payload ``payload_mass_n`` in p is a point mass at the tip."""
+        """The links about their joints' axes; ``tip_mass`` in p (kg, optional) is a point at the end of the last."""
         bodies = []
         for j in range(self.n):
             m, r = p[f"mass_{j + 1}"], p[f"center_of_mass_{j + 1}"]
             bodies.append(Body(m, m * r, p[f"inertia_{j + 1}"] + m * r * r))
-        extra = p.get(f"payload_mass_{self.n}", 0)
+        extra = p.get("tip_mass", 0)
         length = self._length(self.n - 1, p)
         last = bodies[-1]
         bodies[-1] = Body(last.mass + extra, last.moment + extra * length, last.inertia + extra * length * length)
@@ -143,7 +143,10 @@ class Chain:
         pulls: list[tuple[Any, Any, Any]] = []
         for j, body in enumerate(bodies):
             reach = self._reach(j, q, p)
-            ax, ay = ax - spin * spin * reach, ay + spun * reach  # acceleration of the origin of frame j, in frame j − 1
+            ax, ay = (
+                ax - spin * spin * reach,
+                ay + spun * reach,
+            )  # acceleration of the origin of frame j, in frame j − 1
             if self.kinds[j] == "prismatic":
                 ax, ay = ax + a[j], ay + 2 * spin * v[j]
             else:

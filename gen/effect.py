@@ -9,21 +9,23 @@ from typing import Any
 
 
 class Port(Enum):
-    """Where an effect acts, in the order of the signal chain; the value is the place the diagnosis names."""
+    """Where an effect acts, in the order of the signal chain; the value begins with the place the diagnosis names."""
 
     INPUT = "input"
-    FRICTION = "motor"  # adds to the level of Coulomb friction, N m at the motor
-    MOTOR = "motor "  # adds a torque to the rotor, N m at the motor
-    TORSION = "transmission"  # adds an angle to the torsion, rad at the joint, a function of the motor angle
-    TRANSMISSION = "transmission "  # adds to the joint torque, N m
-    MASS = "link"  # adds a point mass at the tip, kg
-    LINK = "link "  # adds a torque to the joint, N m
+    FRICTION = "motor, level"  # adds to the level of dry friction, N m at the motor
+    MOTOR = "motor, torque"  # adds a torque to the rotor, N m
+    REACTION = "motor, reaction"  # share of the rotor's torque and inertia that the link before the joint feels
+    TORSION = "transmission, angle"  # adds an angle to the torsion, rad at the joint, a function of the motor angle
+    TRANSMISSION = "transmission, torque"  # adds to the joint torque, N m
+    BASE = "link, base"  # adds to gravity in the base frame, m/s² (x, y)
+    MASS = "link, mass"  # adds a point mass at the tip, kg
+    LINK = "link, torque"  # adds a torque to the joint, N m
     SENSOR = "sensor"
 
     @property
     def place(self) -> str:
         """One of input, motor, transmission, link, sensor."""
-        return self.value.strip()
+        return self.value.split(",")[0]
 
 
 @dataclass(frozen=True)
@@ -41,13 +43,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class State:
-    """A memory of an effect; ``stiff`` asks for the L-stable step."""
+    """A memory of an effect, 0 at the start; ``stiff`` asks for the L-stable step."""
 
     name: str
     unit: str
+    bound: float
     meaning: str
     stiff: bool = False
-    scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -56,10 +58,11 @@ class Signals:
 
     motor_position: Any = None  # θ, rad
     motor_velocity: Any = None  # θ̇, rad/s
-    motor_torque: Any = None  # k_t i, N m
+    friction_level: Any = None  # N m at the motor
     direction: Any = None  # smooth or exact sign of θ̇, in [-1, 1]
     torsion: Any = None  # φ, rad
     torsion_rate: Any = None  # φ̇, rad/s
+    spring_torque: Any = None  # τ(φ) of the springs alone, N m
     joint_torque: Any = None  # τ, N m
     joint_position: Any = None  # q, rad
     joint_velocity: Any = None  # q̇, rad/s
@@ -69,9 +72,11 @@ class Signals:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect. ``equation(signals, p)`` returns its term at the port, or (term, {state: rate}) if it has states.
+    """One effect: ``equation(signals, p)`` returns its term at the port, or (term, rates of its states).
 
-    ``amplitudes`` names the parameters that, when all 0, remove the effect exactly.
+    ``amplitudes`` names the parameters that, when all 0, remove the effect exactly: its own, or keys of the robot file.
+    ``rigid`` tells whether it has a meaning in a rigid drive; ``joints`` where it is stated: "each" joint, the "last"
+    joint only, or the "arm" as a whole (joint 0).
     """
 
     name: str
@@ -81,5 +86,5 @@ class Effect:
     equation: Callable[[Signals, Mapping[str, Any]], Any]
     citation: str
     states: tuple[State, ...] = ()
-    rigid: bool = True  # has a meaning in a rigid drive too
-    whole_arm: bool = False  # stated once at joint 0, not per joint
+    rigid: bool = True
+    joints: str = "each"

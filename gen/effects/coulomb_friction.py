@@ -1,0 +1,21 @@
+"""Coulomb friction. Legend: τ_c level at the motor, N m."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Port, Signals
+
+
+def level(s: Signals, p: Mapping[str, Any]) -> Any:
+    """τ_c; its sign against the motion is the drive's, smooth or set-valued."""
+    return p["coulomb_friction"]
+
+
+EFFECT = Effect(
+    name="coulomb_friction",
+    port=Port.FRICTION,
+    parameters=(),
+    amplitudes=("coulomb_friction",),
+    equation=level,
+    citation="paper (17), (18) corrected: friction opposes the motion; Olsson et al., Eur. J. Control 4 (1998) 176, eq. (1)",
+)

@@ -1,0 +1,21 @@
+"""A constant offset of the current or force. Legend: b torque at the motor, N m."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """b."""
+    return p["bias"]
+
+
+EFFECT = Effect(
+    name="current_bias",
+    port=Port.MOTOR,
+    parameters=(Parameter("bias", "N m", 0.0, -50.0, 50.0, "constant torque added at the motor"),),
+    amplitudes=("bias",),
+    equation=torque,
+    citation="Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), offset of the measured force",
+)

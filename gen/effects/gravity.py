@@ -1,0 +1,22 @@
+"""Gravity in the plane of motion. Legend: g_x, g_y in the base frame, m/s²."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Port, Signals
+
+
+def field(s: Signals, p: Mapping[str, Any]) -> Any:
+    """(g_x, g_y)."""
+    return p["gravity_x"], p["gravity_y"]
+
+
+EFFECT = Effect(
+    name="gravity",
+    port=Port.BASE,
+    parameters=(),
+    amplitudes=("gravity_x", "gravity_y"),
+    equation=field,
+    citation="Lagrangian of the chain (`gen.lagrangian`)",
+    joints="arm",
+)

@@ -1,0 +1,22 @@
+"""A mass at the tip. Legend: m_p mass, kg."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def mass(s: Signals, p: Mapping[str, Any]) -> Any:
+    """m_p, a point at the end of the last link."""
+    return p["payload_mass"]
+
+
+EFFECT = Effect(
+    name="payload",
+    port=Port.MASS,
+    parameters=(Parameter("payload_mass", "kg", 0.0, 0.0, 100.0, "point mass at the tip"),),
+    amplitudes=("payload_mass",),
+    equation=mass,
+    citation="Lagrangian of the chain with a point mass at the tip",
+    joints="last",
+)

@@ -1,0 +1,29 @@
+"""Dry friction that builds up over a displacement. Legend: a share, δ angle at the motor, rad; z bristle in [−1, 1]."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from gen.effect import Effect, Parameter, Port, Signals, State
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """a · level · (direction − z): the bristle takes the place of the sign of the speed; ż = (θ̇ − |θ̇| z) / δ."""
+    z = s.states["bristle"]
+    rate = (s.motor_velocity - ca.fabs(s.motor_velocity) * z) / p["presliding_angle"]
+    return p["presliding_share"] * s.friction_level * (s.direction - z), (rate,)
+
+
+EFFECT = Effect(
+    name="presliding_friction",
+    port=Port.MOTOR,
+    parameters=(
+        Parameter("presliding_share", "1", 0.0, 0.0, 1.0, "share of dry friction that builds up over a displacement"),
+        Parameter("presliding_angle", "rad", 0.02, 1e-4, 10.0, "motor angle over which it builds up"),
+    ),
+    amplitudes=("presliding_share",),
+    equation=torque,
+    citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, eq. (1)-(3) without micro-damping",
+    states=(State("bristle", "1", 1.0, "deflection against the displacement", stiff=True),),
+)

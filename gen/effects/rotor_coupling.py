@@ -1,0 +1,23 @@
+"""The rotor rides on the link before its joint. Legend: s direction of the rotor against the link (1, −1; 0 leaves it out)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def share(s: Signals, p: Mapping[str, Any]) -> Any:
+    """s: the rotor's kinetic energy is ½ J_m (θ̇ + s Ω)², Ω the angular velocity of the link that carries it."""
+    return p["coupling"]
+
+
+EFFECT = Effect(
+    name="rotor_coupling",
+    port=Port.REACTION,
+    parameters=(
+        Parameter("coupling", "1", 0.0, -1.0, 1.0, "the rotor turns with (1) or against (-1) the link that carries it"),
+    ),
+    amplitudes=("coupling",),
+    equation=share,
+    citation="Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987) 310, the term he drops",
+)

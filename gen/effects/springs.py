@@ -1,0 +1,22 @@
+"""The springs of wave generator and flexspline in series. Legend: φ torsion, τ joint torque (`gen.drive`)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """level · τ(φ), τ the exact inverse of the torsion law."""
+    return p["stiffness_level"] * s.spring_torque
+
+
+EFFECT = Effect(
+    name="springs",
+    port=Port.TRANSMISSION,
+    parameters=(Parameter("stiffness_level", "1", 1.0, 0.0, 3.0, "level of both springs against the robot file's"),),
+    amplitudes=("stiffness_level",),
+    equation=torque,
+    citation="paper (3)-(11), (19) corrected",
+    rigid=False,
+)

@@ -1,0 +1,22 @@
+"""Damping between motor side and link. Legend: d coefficient, N m s/rad at the joint; φ̇ rate of torsion."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Port, Signals
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """d φ̇."""
+    return p["torsional_damping"] * s.torsion_rate
+
+
+EFFECT = Effect(
+    name="torsional_damping",
+    port=Port.TRANSMISSION,
+    parameters=(),
+    amplitudes=("torsional_damping",),
+    equation=torque,
+    citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, with a dashpot beside the spring",
+    rigid=False,
+)

@@ -1,0 +1,30 @@
+"""Rate-independent hysteresis of the flexspline. Legend: h amplitude, N m; δ angle over which it turns, rad; z state in [−1, 1]."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from gen.effect import Effect, Parameter, Port, Signals, State
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """h z with dz = (dφ − |dφ| z) / δ."""
+    z = s.states["hysteresis"]
+    rate = (s.torsion_rate - ca.fabs(s.torsion_rate) * z) / p["hysteresis_angle"]
+    return p["hysteresis_torque"] * z, (rate,)
+
+
+EFFECT = Effect(
+    name="transmission_hysteresis",
+    port=Port.TRANSMISSION,
+    parameters=(
+        Parameter("hysteresis_torque", "N m", 0.0, 0.0, 100.0, "half the height of the torque-torsion loop"),
+        Parameter("hysteresis_angle", "rad", 1e-4, 1e-6, 1e-2, "torsion over which the loop turns after a reversal"),
+    ),
+    amplitudes=("hysteresis_torque",),
+    equation=torque,
+    citation="Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); paper Fig. 3b",
+    states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque"),),
+    rigid=False,
+)

@@ -1,0 +1,21 @@
+"""Viscous friction. Legend: r_m coefficient, N m s/rad; θ̇ motor speed."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Port, Signals
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """−r_m θ̇."""
+    return -p["viscous_friction"] * s.motor_velocity
+
+
+EFFECT = Effect(
+    name="viscous_friction",
+    port=Port.MOTOR,
+    parameters=(),
+    amplitudes=("viscous_friction",),
+    equation=torque,
+    citation="paper (18)",
+)

@@ -1,0 +1,411 @@
+"""The functions that are emitted: the model's equations arranged by what callers need.
+
+Every function takes dense column vectors and gives dense column vectors (matrices column by column), so that one signature,
+`void hda_<name>(const double *in…, double *out…)`, serves C, Python and the interpreter alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+from gen import drive
+from gen.effect import Port, Signals
+from gen.model import Drives, Model
+
+SX = ca.SX
+
+
+@dataclass(frozen=True)
+class Emitted:
+    """A function to emit: the graph, and what it is for."""
+
+    graph: ca.Function
+    meaning: str
+
+    @property
+    def name(self) -> str:
+        """Name without prefix."""
+        return str(self.graph.name())
+
+    @property
+    def inputs(self) -> tuple[tuple[str, int], ...]:
+        """Names and lengths."""
+        return tuple((self.graph.name_in(k), self.graph.numel_in(k)) for k in range(self.graph.n_in()))
+
+    @property
+    def outputs(self) -> tuple[tuple[str, int], ...]:
+        """Names and lengths."""
+        return tuple((self.graph.name_out(k), self.graph.numel_out(k)) for k in range(self.graph.n_out()))
+
+
+@dataclass(frozen=True)
+class Lane:
+    """Joints whose drives are the same graph, evaluated side by side."""
+
+    joints: tuple[int, ...]
+    width: int  # of the vector: 1, 2, 4, 8
+    states: tuple[tuple[int, ...], ...]  # for each state that the graph reads: its index in x for each joint
+    smooth: ca.Function  # (state entries…, input, constants) -> (acceleration or net torque, joint torque, sine, cosine, rates…)
+    exact: ca.Function  # (…, direction) -> (level, net, acceleration, joint torque, sine, cosine, rates…)
+    constants: Any  # (k × width) symbols, a part of c
+    definitions: Any  # the same as functions of p
+
+
+@dataclass
+class Graphs:
+    """What `assemble` builds: the emitted functions and the parts of the right-hand side that lanes need."""
+
+    model: Model
+    lanes: tuple[Lane, ...]
+    chain: ca.Function  # smooth: (x, u, lane outputs, c) -> rate of x
+    c: Any
+    functions: tuple[Emitted, ...] = field(default_factory=tuple)
+
+
+def dense(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> ca.Function:
+    """A Function of dense column vectors."""
+    return ca.Function(
+        name,
+        list(inputs.values()),
+        [ca.vec(ca.densify(SX(value))) for value in outputs.values()],
+        list(inputs),
+        list(outputs),
+        {"cse": True},
+    )
+
+
+def hoist(expressions: list[Any], p: Any) -> tuple[list[Any], list[Any], list[Any]]:
+    """The expressions with every part that depends on p alone replaced by a symbol: (expressions, symbols, their definitions)."""
+    stacked, symbols, definitions = ca.extract_parametric(ca.cse(ca.vertcat(*[ca.vec(ca.densify(e)) for e in expressions])), p)
+    sizes = [SX(e).numel() for e in expressions]
+    parts = ca.vertsplit(stacked, [0, *_cumulative(sizes)])
+    return [ca.reshape(part, SX(e).shape) for part, e in zip(parts, expressions, strict=True)], symbols, definitions
+
+
+def _cumulative(sizes: list[int]) -> list[int]:
+    total, out = 0, []
+    for size in sizes:
+        total += size
+        out.append(total)
+    return out
+
+
+class Constants:
+    """Grows c: parameters first, then constants of the lanes, then those of whatever else is hoisted."""
+
+    def __init__(self, p: Any) -> None:
+        self.p, self.symbols, self.definitions = p, [p], [p]
+
+    def add(self, symbols: Any, definitions: Any) -> None:
+        """Append symbols with their definitions in p."""
+        self.symbols.append(ca.vec(symbols))
+        self.definitions.append(ca.vec(definitions))
+
+    def hoist(self, expressions: list[Any]) -> list[Any]:
+        """The expressions over c."""
+        changed, symbols, definitions = hoist(expressions, self.p)
+        renamed = [SX.sym(f"e{sum(s.numel() for s in self.symbols) + k}") for k in range(len(symbols))]
+        if symbols:
+            changed = ca.substitute(changed, symbols, renamed)
+            self.add(ca.vertcat(*renamed), ca.vertcat(*definitions))
+        return list(changed)
+
+    @property
+    def c(self) -> Any:
+        """All of c."""
+        return ca.vertcat(*self.symbols)
+
+
+def assemble(model: Model) -> Graphs:
+    """Everything that is emitted for a model."""
+    constants = Constants(model.p)
+    lanes = tuple(_lane(model, joints, constants) for joints in _groups(model))
+    D = {j: _lane_symbols(model, lane, j) for lane in lanes for j in lane.joints}
+    trig = _trig(model, D)
+    sliding = SX.sym("sliding", model.n)
+    smooth_rate, _ = model.motion({j: d for j, (d, _, _) in D.items()}, None, trig)
+    exact_rate, hold = model.motion({j: d for j, (d, _, _) in D.items()}, sliding, trig)
+    smooth_rate, exact_rate, hold = constants.hoist([smooth_rate, exact_rate, hold])
+    jacobians = constants.hoist(_rate_jacobians(model))
+    c = constants.c
+    handed = ca.vertcat(*(ca.vertcat(*symbols) for _, symbols, _ in D.values()))
+    levels = ca.vertcat(*(D[j][0].level for j in model.joints))
+    chain = ca.Function("chain", [model.x, model.u, handed, c], [smooth_rate], {"cse": True})
+    exact_chain = ca.Function("exact_chain", [model.x, model.u, sliding, handed, c], [exact_rate, hold, levels], {"cse": True})
+    smooth = _hand_over(model, lanes, None)
+    exact = _hand_over(model, lanes, sliding)
+    xuc = {"x": model.x, "u": model.u, "c": c}
+    rate = chain(model.x, model.u, smooth, c)
+    exact_rate, hold, levels = exact_chain(model.x, model.u, sliding, exact, c)
+    functions = [
+        Emitted(dense("prepare", {"p": model.p}, {"c": ca.vertcat(*constants.definitions)}), "constants from parameters"),
+        Emitted(dense("rhs", xuc, {"rate": rate}), "rate of x, friction with the smooth sign"),
+        Emitted(
+            dense("rhs_exact", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"rate": exact_rate}),
+            "rate of x, each motor sliding in the given direction or stuck (0)",
+        ),
+        Emitted(
+            dense("holding", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"hold": hold, "level": levels}),
+            "torque that holds each motor at rest, and the most that dry friction gives, N m at the motor",
+        ),
+        Emitted(
+            dense("rhs_jacobian", xuc, dict(zip(("by_x", "by_u", "by_p"), jacobians, strict=True))),
+            "derivatives of the rate by x, u and p, column by column",
+        ),
+        *_kinematics(model, c),
+        *_dynamics(model, c),
+    ]
+    if model.stiff:
+        functions.append(Emitted(dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)}), "fastest decay of a stiff state, 1/s"))
+    return Graphs(model, lanes, chain, c, tuple(functions))
+
+
+# -- lanes ----------------------------------------------------------------------------------------------------------
+
+
+def _groups(model: Model) -> list[tuple[int, ...]]:
+    kinds: dict[tuple[bool, str], list[int]] = {}
+    for j in model.joints:
+        kinds.setdefault((j in model.rigid, model.robot.joints[j - 1].kind), []).append(j)
+    return [tuple(joints) for joints in kinds.values()]
+
+
+def _state_names(model: Model, j: int) -> list[str]:
+    names = [f"motor_position_{j}", f"joint_position_{j}", f"motor_velocity_{j}", f"joint_velocity_{j}"]
+    names = names[1::2] if j in model.rigid else names
+    return names + [f"{s.name}_{j}" for _, s, k in model.memory if k == j]
+
+
+def _outputs(model: Model, j: int, d: Drives) -> tuple[list[Any], list[Any]]:
+    """What a lane hands over in the smooth and in the exact form, with sine and cosine of a revolute joint."""
+    turn = model.robot.joints[j - 1].kind == "revolute"
+    q = model.slot(f"joint_position_{j}")
+    trig = [ca.sin(q), ca.cos(q)] if turn else []
+    moved = [d.net] if d.acceleration is None else [d.net, d.acceleration]
+    return [*moved, d.joint_torque, *trig, *d.rates], [d.level]
+
+
+def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
+    width = next(w for w in (1, 2, 4, 8) if w >= len(joints))
+    first, index = joints[0], {s.name: k for k, s in enumerate(model.x_slots)}
+    s = SX.sym("s")
+    smooth, _ = _outputs(model, first, model.drive(first, model.of_joint(first)))
+    drive_exact = model.drive(first, model.of_joint(first), exact=s)
+    exact = [*_outputs(model, first, drive_exact)[1], *_outputs(model, first, drive_exact)[0]]
+    keys = set.intersection(*(set(model.of_joint(j)) for j in joints))
+    p = ca.vertcat(*(model.of_joint(first)[key] for key in sorted(keys)))
+    changed, symbols, definitions = hoist([SX(e) for e in smooth + exact], p)
+    direct = [v for v in ca.symvar(ca.vertcat(*changed)) if any(ca.is_equal(v, p[k]) for k in range(p.numel()))]
+    constant = ca.vertcat(*direct, *symbols)
+    entries = [model.slot(name) for name in _state_names(model, first)]
+    inputs = [*entries, model.u[first - 1]]
+    k = SX.sym(f"k{first}", constant.numel(), width)
+    define = ca.Function("define", [p], [ca.vertcat(*direct, *definitions)])
+    columns = []
+    for j in [*joints, *[joints[0]] * (width - len(joints))]:
+        columns.append(define(ca.vertcat(*(model.of_joint(j)[key] for key in sorted(keys)))))
+    lane = Lane(
+        joints,
+        width,
+        tuple(tuple(index[_state_names(model, j)[i]] for j in joints) for i in range(len(entries))),
+        ca.Function("smooth", [*inputs, constant], changed[: len(smooth)], {"cse": True}),
+        ca.Function("exact", [*inputs, s, constant], changed[len(smooth) :], {"cse": True}),
+        k,
+        ca.horzcat(*columns),
+    )
+    constants.add(k.T, lane.definitions.T)  # lane after lane of each constant side by side, so that one load fetches a vector
+    return lane
+
+
+def _lane_symbols(model: Model, lane: Lane, j: int) -> tuple[Drives, list[Any], tuple[Any, Any] | None]:
+    """Symbols for what lane hands over for joint j, in the order of the exact outputs."""
+    flexible = j in model.flexible
+    names = ["level", "net", *(["acceleration"] if flexible else []), "joint_torque"]
+    turn = model.robot.joints[j - 1].kind == "revolute"
+    names += ["sine", "cosine"] if turn else []
+    named = {name: SX.sym(f"{name}_{j}") for name in names}
+    rates = [SX.sym(f"rate_{j}_{k}") for k in range(lane.exact.n_out() - len(names))]
+    d = Drives(
+        named["net"], named["level"], named.get("acceleration"), named["joint_torque"], rates=tuple(rates)
+    )
+    return d, [*named.values(), *rates], (named["sine"], named["cosine"]) if turn else None
+
+
+def _trig(model: Model, D: dict[int, Any]) -> tuple[list[Any], list[Any]]:
+    pairs = [D[j][2] or (0, 1) for j in model.joints]
+    return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+
+
+def _hand_over(model: Model, lanes: tuple[Lane, ...], sliding: Any) -> Any:
+    """The lanes' outputs as scalars, joint after joint of each lane; the smooth form has no level."""
+    out = []
+    for lane in lanes:
+        for place, j in enumerate(lane.joints):
+            states = [model.x[index[place]] for index in lane.states]
+            if sliding is None:
+                out += [SX(0), *lane.smooth.call([*states, model.u[j - 1], lane.constants[:, place]])]
+            else:
+                out += lane.exact.call([*states, model.u[j - 1], sliding[j - 1], lane.constants[:, place]])
+    return ca.vertcat(*out)
+
+
+# -- derivatives ----------------------------------------------------------------------------------------------------
+
+
+def _rate_jacobians(model: Model) -> list[Any]:
+    """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p. The springs' inverse is differentiated by the implicit function theorem, so the derivative is
+    that of the law itself, at τ = 0 too, and carries nothing of the iteration."""
+    spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
+    drives = {j: model.drive(j, model.of_joint(j), spring_torque=spring.get(j)) for j in model.joints}
+    rate, _ = model.motion(drives)
+    law = {j: drive.springs(model.of_joint(j)) for j in model.flexible}
+    solved = [drive.spring_torque(drives[j].torsion, law[j], model.steps) for j in model.flexible]
+    out = []
+    for w in (model.x, model.u, model.p):
+        total = ca.jacobian(rate, w)
+        for j in model.flexible:
+            slack = ca.jacobian(drives[j].torsion - drive.torsion(spring[j], law[j]), w) / drive.compliance(spring[j], law[j])
+            total = total + ca.jacobian(rate, spring[j]) @ slack
+        out.append(ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*solved)) if spring else total)
+    return out
+
+
+def _stiffness_rate(model: Model) -> Any:
+    drives = {j: model.drive(j, model.of_joint(j)) for j in model.joints}
+    fastest = SX(0)
+    for j in model.joints:
+        own = [s for _, s, k in model.memory if k == j]
+        for s, rate in zip(own, drives[j].rates, strict=True):
+            if s.stiff:
+                fastest = ca.fmax(fastest, ca.fabs(ca.jacobian(rate, model.slot(f"{s.name}_{j}"))))
+    return fastest
+
+
+# -- kinematics, dynamics, outputs ----------------------------------------------------------------------------------
+
+
+def _kinematics(model: Model, c: Any) -> list[Emitted]:
+    chain, p = model.chain, model.chain_parameters()
+    q, v = SX.sym("q", model.n), SX.sym("v", model.n)
+    J = chain.jacobian(q, p)
+    slip = ca.jtimes(J @ v, q, v)
+    out = [
+        Emitted(dense("points", {"q": q, "c": c}, {"points": chain.points(q, p).T}), "origins of the joints and the tip, m, (x, y) each"),
+        Emitted(
+            dense("tip_jacobian", {"q": q, "v": v, "c": c}, {"J": J, "tip_velocity": J @ v, "Jdot_v": slip}),
+            "∂tip/∂q (2 × n, column by column), velocity of the tip, and dJ/dt q̇",
+        ),
+    ]
+    if chain.kinds == ("revolute", "revolute"):
+        point = SX.sym("point", 2)
+        both = chain.branches(point, p)
+        out.append(
+            Emitted(
+                dense("inverse_kinematics", {"point": point, "c": c}, {"q_positive": both[:, 0], "q_negative": both[:, 1]}),
+                "joint angles that reach a point, for both signs of the elbow; NaN out of reach",
+            )
+        )
+    return out
+
+
+def _dynamics(model: Model, c: Any) -> list[Emitted]:
+    chain, p = model.chain, model.chain_parameters()
+    n, q, v, a = model.n, model.q, model.v, SX.sym("a", model.n)
+    x, u = model.x, model.u
+    qs, vs = SX.sym("q", n), SX.sym("v", n)
+    drives = {j: model.drive(j, model.of_joint(j)) for j in model.joints}
+    kinetic, potential = _energy(model, drives)
+    swap = lambda e: ca.substitute(e, ca.vertcat(q, v), ca.vertcat(qs, vs))  # noqa: E731
+    xc, qvc = {"x": x, "c": c}, {"q": qs, "v": vs, "c": c}
+    force = SX.sym("tip_force", 2)
+    torque = chain.recursion(qs, vs, a, p, (p["gravity_x"], p["gravity_y"]), (force[0], force[1]))
+    return [
+        Emitted(
+            dense("mass_matrix", {"q": qs, "c": c}, {"M": swap(model.inertia())}),
+            "mass matrix of the links and the rotors of rigid drives (n × n)",
+        ),
+        Emitted(dense("coriolis_matrix", qvc, {"C": chain.coriolis_matrix(qs, vs, p)}), "Christoffel matrix C with Ṁ − 2C skew (n × n)"),
+        Emitted(dense("gravity_torque", {"q": qs, "c": c}, {"g": chain.gravity(qs, p)}), "torque that holds the arm at rest, N m"),
+        Emitted(
+            dense(
+                "inverse_dynamics",
+                {"q": qs, "v": vs, "a": a, "tip_force": force, "c": c},
+                {"joint_torque": torque, "motor_torque": _motor_torque(model, qs, vs, a, torque)},
+            ),
+            "joint torque, and motor torque with the gear taken as rigid, that give the acceleration a",
+        ),
+        Emitted(dense("energy", xc, {"kinetic": kinetic, "potential": potential}), "kinetic and potential energy, J"),
+        Emitted(dense("outputs", {"x": x, "u": u, "c": c}, _sensed(model, drives)), "what a complete set of exact sensors reads"),
+    ]
+
+
+def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> Any:
+    """Torque at each motor when θ = N q: J_m N a + viscous + dry friction − other motor effects + τ/N (n)."""
+    out = []
+    for j in model.joints:
+        p = model.of_joint(j)
+        omega = p["ratio"] * v[j - 1]
+        signals = {"motor_position": p["ratio"] * q[j - 1], "motor_velocity": omega, "ratio": p["ratio"]}
+        direction = ca.tanh(omega / p["friction_smoothing"])
+        level = sum(e.equation(Signals(**signals, joint_torque=joint_torque[j - 1]), p) for e in model.at(Port.FRICTION, j))
+        other = sum(
+            e.equation(Signals(**signals, friction_level=level, direction=direction), p)
+            for e in model.at(Port.MOTOR, j)
+            if not e.states
+        )
+        link = sum(
+            e.equation(Signals(joint_position=q[j - 1], joint_velocity=v[j - 1], **signals), p) for e in model.at(Port.LINK, j)
+        )
+        reaction = model.reaction(j, p)
+        carried = 0 if reaction is None else (reaction @ a)[0]
+        own = p["motor_inertia"] * (p["ratio"] * a[j - 1] + carried)
+        out.append(own + level * direction - other + (joint_torque[j - 1] - link) / p["ratio"])
+    torque = ca.vertcat(*out)
+    for j in model.joints:  # the rotor of a later joint pulls on the links that carry it
+        p = model.of_joint(j)
+        reaction = model.reaction(j, p)
+        if reaction is not None:
+            push = p["motor_inertia"] * (p["ratio"] * a[j - 1] + (reaction @ a)[0])
+            torque = torque + ca.vertcat(*(reaction[k - 1] * push / model.of_joint(k)["ratio"] for k in model.joints))
+    return torque
+
+
+def _energy(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
+    q, v, p = model.q, model.v, model.chain_parameters()
+    kinetic = v.T @ model.inertia() @ v / 2
+    potential = SX(0)
+    for j in model.flexible:
+        own = model.of_joint(j)
+        reaction = model.reaction(j, own)
+        speed = model.slot(f"motor_velocity_{j}") + (0 if reaction is None else (reaction @ v)[0])
+        kinetic = kinetic + own["motor_inertia"] * speed * speed / 2
+        potential = potential + own["stiffness_level"] * drive.energy(drives[j].spring_torque, drive.springs(own))
+    points = model.chain.points(q, p)
+    bodies = model.chain.bodies(p)
+    absolute = SX(0)
+    for j in model.joints:
+        absolute = absolute + (q[j - 1] if model.robot.joints[j - 1].kind == "revolute" else 0)
+        com = [bodies[j - 1].mass * points[j - 1, k] + bodies[j - 1].moment * f(absolute) for k, f in ((0, ca.cos), (1, ca.sin))]
+        potential = potential - p["gravity_x"] * com[0] - p["gravity_y"] * com[1]
+    return kinetic, potential
+
+
+def _sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
+    out: dict[str, list[Any]] = {k: [] for k in ("motor_position", "motor_velocity", "torsion", "beyond_law", "joint_torque")}
+    for j in model.joints:
+        p, d = model.of_joint(j), drives[j]
+        if j in model.rigid:
+            q, v = model.slot(f"joint_position_{j}"), model.slot(f"joint_velocity_{j}")
+            row = [p["ratio"] * q, p["ratio"] * v, SX(0), SX(0), p["ratio"] * d.net]
+        else:
+            beyond = ca.fabs(d.torsion) > drive.springs(p).law_torsion
+            row = [model.slot(f"motor_position_{j}"), model.slot(f"motor_velocity_{j}"), d.torsion, beyond, d.joint_torque]
+        for name, value in zip(out, row, strict=True):
+            out[name].append(value)
+    chain, p = model.chain, model.chain_parameters()
+    joined = {name: ca.vertcat(*values) for name, values in out.items()}
+    tip = {"tip": chain.tip(model.q, p), "tip_velocity": chain.jacobian(model.q, p) @ model.v}
+    return {**joined, "joint_position": model.q, "joint_velocity": model.v, **tip}

@@ -1,0 +1,300 @@
+"""The arm as one graph: drives in lanes, the chain that joins them, and the effects at their ports.
+
+Legend: x state, u input, p parameters, c constants (p and whatever depends on p alone), z the effects' states;
+θ, ω motor angle and speed; q, v joint position and velocity; i input of the drive; φ torsion; τ joint torque; s direction of
+sliding, −1, 0 (stuck) or 1.
+
+A joint's drive is the same graph for every joint with the same kind of drive, so it is written once and evaluated in lanes;
+only the chain couples the joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from gen import drive
+from gen.arm import Chain
+from gen.effect import Effect, Parameter, Port, Signals
+from gen.robot import Robot, parameters
+
+SX = ca.SX
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A named entry of p with its bounds; ``joint`` 0 is the whole arm."""
+
+    name: str
+    joint: int
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    tolerance: float
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A named entry of x or u; ``bound`` is the size up to which the model is meant to be used."""
+
+    name: str
+    unit: str
+    bound: float
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What the drive of one joint hands to the chain."""
+
+    net: Any  # on the rotor, N m
+    level: Any  # of set-valued friction, N m at the motor: what `net` loses as the direction goes from 0 to 1
+    acceleration: Any  # net / J_m; None for a rigid drive
+    joint_torque: Any  # on the link, with what acts at the link, N m; a rigid drive's own part is in `net`
+    torsion: Any = None
+    spring_torque: Any = None
+    rates: tuple[Any, ...] = ()
+
+
+class Model:
+    """Symbols and equations of one robot with a tuple of effects."""
+
+    def __init__(self, robot: Robot, effects: tuple[Effect, ...]) -> None:
+        self.robot, self.effects = robot, effects
+        self.n = len(robot.joints)
+        self.joints = range(1, self.n + 1)
+        self.chain = Chain([joint.kind for joint in robot.joints])
+        self.flexible = tuple(j for j in self.joints if not robot.joints[j - 1].drive.rigid)
+        self.rigid = tuple(j for j in self.joints if robot.joints[j - 1].drive.rigid)
+        self.steps = max((drive.iterations(robot.joints[j - 1].drive) for j in self.flexible), default=0)
+        self.memory = tuple((e, s, j) for e in effects for j in self.applies(e) for s in e.states)
+        self.quantities = self._quantities()
+        self.x_slots, self.u_slots = self._x_slots(), self._u_slots()
+        self.p = SX.sym("p", len(self.quantities))
+        self.x = SX.sym("x", len(self.x_slots))
+        self.u = SX.sym("u", len(self.u_slots))
+        self.by_name = {q.name: self.p[k] for k, q in enumerate(self.quantities)}
+
+    # -- what there is ----------------------------------------------------------------------------------------------
+
+    @property
+    def stiff(self) -> bool:
+        """Whether a state asks for the L-stable step."""
+        return any(s.stiff for _, s, _ in self.memory)
+
+    def applies(self, effect: Effect) -> tuple[int, ...]:
+        """The joints at which the effect stands; (0,) for the arm as a whole."""
+        if effect.joints == "arm":
+            return (0,)
+        if effect.joints == "last":
+            return (self.n,)
+        return tuple(self.joints) if effect.rigid else self.flexible
+
+    def _quantities(self) -> tuple[Quantity, ...]:
+        found = [
+            Quantity(v.name, v.joint, v.unit, v.nominal, v.low, v.high, v.tolerance, v.meaning)
+            for v in parameters(self.robot)
+        ]
+        stated = {(s.name, s.joint): s.parameters for s in self.robot.effects}
+        for effect in self.effects:
+            for j in self.applies(effect):
+                values = stated.get((effect.name, j), {})
+                found += [_quantity(parameter, j, values.get(parameter.name)) for parameter in effect.parameters]
+        return tuple(found)
+
+    def _x_slots(self) -> tuple[Slot, ...]:
+        slots = []
+        for quantity, unit, size in (("position", "rad", 3.0), ("velocity", "rad/s", 10.0)):
+            for j in self.flexible:
+                slots.append(Slot(f"motor_{quantity}_{j}", unit, size * abs(self._drive(j).ratio.nominal)))
+            for j in self.joints:
+                prismatic = self.robot.joints[j - 1].kind == "prismatic"
+                slots.append(Slot(f"joint_{quantity}_{j}", unit.replace("rad", "m") if prismatic else unit, size))
+        slots += [Slot(f"{s.name}_{j}", s.unit, s.bound) for _, s, j in self.memory]
+        return tuple(slots)
+
+    def _u_slots(self) -> tuple[Slot, ...]:
+        slots = []
+        for j in self.joints:
+            d = self._drive(j)
+            if d.torque_constant is None:
+                slots.append(Slot(f"motor_torque_{j}", "N m", 10.0 * max(d.coulomb_friction.nominal, 0.1)))
+            else:
+                slots.append(Slot(f"motor_current_{j}", "A", d.max_current or 10.0))
+        return (*slots, Slot("tip_force_x", "N", 100.0), Slot("tip_force_y", "N", 100.0))
+
+    def _drive(self, j: int) -> Any:
+        return self.robot.joints[j - 1].drive
+
+    def slot(self, name: str) -> Any:
+        """The symbol in x of that name."""
+        return self.x[[s.name for s in self.x_slots].index(name)]
+
+    # -- symbols ----------------------------------------------------------------------------------------------------
+
+    @property
+    def q(self) -> Any:
+        """Joint positions (n)."""
+        return ca.vertcat(*(self.slot(f"joint_position_{j}") for j in self.joints))
+
+    @property
+    def v(self) -> Any:
+        """Joint velocities (n)."""
+        return ca.vertcat(*(self.slot(f"joint_velocity_{j}") for j in self.joints))
+
+    @property
+    def force(self) -> Any:
+        """Force of the world on the tip, base frame, N (2)."""
+        return self.u[self.n :]
+
+    def of_joint(self, j: int) -> dict[str, Any]:
+        """The parameters of joint j by the names that equations use, without the joint's number."""
+        return {q.name.removesuffix(f"_{j}"): self.p[k] for k, q in enumerate(self.quantities) if q.joint == j}
+
+    def at(self, port: Port, j: int) -> list[Effect]:
+        """The effects at a port of joint j (0: of the whole arm)."""
+        return [e for e in self.effects if e.port is port and j in self.applies(e)]
+
+    def chain_parameters(self) -> dict[str, Any]:
+        """Parameters of the chain by name, with gravity and tip mass as the effects make them."""
+        values = dict(self.by_name)
+        fields = [e.equation(Signals(), self.of_joint(0)) for e in self.at(Port.BASE, 0)]
+        values["gravity_x"], values["gravity_y"] = (sum(f[k] for f in fields) for k in (0, 1))
+        values["tip_mass"] = sum(e.equation(Signals(), self.of_joint(self.n)) for e in self.at(Port.MASS, self.n))
+        return values
+
+    # -- one drive --------------------------------------------------------------------------------------------------
+
+    def drive(self, j: int, p: dict[str, Any], exact: Any = None, spring_torque: Any = None) -> Drives:
+        """The drive of joint j. ``exact`` is the direction of sliding (None: smooth sign); ``spring_torque`` replaces the
+        springs' torque by a symbol where the inverse is to be differentiated implicitly."""
+        rigid = j in self.rigid
+        q, v = self.slot(f"joint_position_{j}"), self.slot(f"joint_velocity_{j}")
+        theta = p["ratio"] * q if rigid else self.slot(f"motor_position_{j}")
+        omega = p["ratio"] * v if rigid else self.slot(f"motor_velocity_{j}")
+        states = {(e.name, s.name): self.slot(f"{s.name}_{j}") for e, s, k in self.memory if k == j}
+        rates: dict[tuple[str, str], Any] = {}
+
+        def total(port: Port, start: Any, **signals: Any) -> Any:
+            for effect in self.at(port, j):
+                own = {s.name: states[effect.name, s.name] for s in effect.states}
+                term = effect.equation(Signals(**signals, ratio=p["ratio"], states=own), p)
+                if effect.states:
+                    term, change = term
+                    rates.update({(effect.name, s.name): r for s, r in zip(effect.states, change, strict=True)})
+                start = start + term
+            return start
+
+        motor = {"motor_position": theta, "motor_velocity": omega}
+        joint = {"joint_position": q, "joint_velocity": v}
+        phi = phi_rate = spring = tau = gear = None
+        if not rigid:
+            error = total(Port.TORSION, SX(0), **motor)
+            gear = 1 / p["ratio"] + ca.jacobian(error, theta)  # the gear does the work that it transmits
+            phi, phi_rate = theta * (1 / p["ratio"]) + error - q, gear * omega - v
+            spring = spring_torque
+            if spring is None:
+                spring = drive.spring_torque(phi, drive.springs(p), self.steps)
+            tau = total(Port.TRANSMISSION, 0, torsion=phi, torsion_rate=phi_rate, spring_torque=spring, **motor)
+        link = total(Port.LINK, 0 if rigid else tau, **joint, **motor)
+        level = total(Port.FRICTION, 0, joint_torque=tau, **motor)
+        direction = ca.tanh(omega / p["friction_smoothing"]) if exact is None else exact
+        inverse = 1 / p["motor_inertia"]
+        torque = (p["torque_constant"] if "torque_constant" in p else 1) * self.u[j - 1]
+        torque = total(Port.MOTOR, torque, friction_level=level, direction=direction, joint_torque=tau, **motor)
+        if not rigid:
+            torque = torque - gear * tau
+        net = torque - level * direction
+        if exact is not None:  # other effects may have taken a part of the dry friction over
+            level = ca.substitute(-ca.jacobian(net, exact), exact, 0)
+        order = tuple(rates[e.name, s.name] for e, s, k in self.memory if k == j)
+        return Drives(net, level, None if rigid else net * inverse, link, phi, spring, order)
+
+    # -- the whole arm ----------------------------------------------------------------------------------------------
+
+    def reaction(self, j: int, p: dict[str, Any]) -> Any:
+        """How the rotor of joint j couples to the links before it: row of ∂(rotor speed)/∂v (1 × n), or None."""
+        found = [e.equation(Signals(ratio=p["ratio"]), p) for e in self.at(Port.REACTION, j)]
+        if not found:
+            return None
+        carried = [1 if k < j and self.robot.joints[k - 1].kind == "revolute" else 0 for k in self.joints]
+        return sum(found) * SX(carried).T
+
+    def inertia(self, trig: Any = None) -> Any:
+        """Mass matrix of the links with the rotors of rigid drives (n × n)."""
+        M = self.chain.mass_matrix(self.q, self.chain_parameters(), trig)
+        for j in self.rigid:
+            p = self.of_joint(j)
+            row = SX.zeros(1, self.n)
+            row[j - 1] = p["ratio"]
+            reaction = self.reaction(j, p)
+            row = row if reaction is None else row + reaction
+            M = M + p["motor_inertia"] * row.T @ row
+        return M
+
+    def motion(self, drives: dict[int, Drives], sliding: Any = None, trig: Any = None) -> tuple[Any, Any]:
+        """Rate of x, and the torque that would hold each motor where it is (n, N m at the motor).
+
+        ``sliding`` (n, in −1, 0, 1) stops the joints where it is 0; None lets all move. The holding torque has a meaning for
+        stopped joints only.
+        """
+        forces = []
+        for j in self.joints:
+            d = drives[j]
+            forces.append(d.joint_torque + (self.of_joint(j)["ratio"] * d.net if j in self.rigid else 0))
+        load = ca.vertcat(*forces)
+        for j in self.flexible:
+            reaction = self.reaction(j, self.of_joint(j))
+            load = load if reaction is None else load - reaction.T * drives[j].net
+        chain = self.chain_parameters()
+        field, force = (chain["gravity_x"], chain["gravity_y"]), (self.force[0], self.force[1])
+        load = load - self.chain.recursion(self.q, self.v, [0] * self.n, chain, field, force, trig)
+        M = self.inertia(trig)
+        if sliding is None:
+            accelerations = solve_symmetric(M, load)
+        else:
+            moves = ca.vertcat(*(sliding[j - 1] ** 2 if j in self.rigid else SX(1) for j in self.joints))
+            held = ca.diag(moves)
+            accelerations = solve_symmetric(held @ M @ held + SX.eye(self.n) - held, moves * load)
+        rest = load - M @ accelerations
+        motor, hold = [], []
+        for j in self.joints:
+            p, d = self.of_joint(j), drives[j]
+            if j in self.rigid:
+                hold.append(rest[j - 1] / p["ratio"])
+                continue
+            reaction = self.reaction(j, p)
+            carried = 0 if reaction is None else (reaction @ accelerations)[0]
+            motor.append((d.acceleration - carried) * (1 if sliding is None else sliding[j - 1] ** 2))
+            hold.append(d.net - p["motor_inertia"] * carried)
+        speeds = [self.slot(f"motor_velocity_{j}") for j in self.flexible]
+        pending = {j: list(drives[j].rates) for j in self.joints}
+        rates = [pending[j].pop(0) for _, _, j in self.memory]
+        return ca.vertcat(*speeds, self.v, *motor, accelerations, *rates), ca.vertcat(*hold)
+
+
+def _quantity(parameter: Parameter, j: int, stated: Any) -> Quantity:
+    name = f"{parameter.name}_{j}" if j else parameter.name
+    nominal = parameter.nominal if stated is None else stated.nominal
+    tolerance = 0.0 if stated is None else stated.tolerance
+    return Quantity(name, j, parameter.unit, nominal, parameter.low, parameter.high, tolerance, parameter.meaning)
+
+
+def solve_symmetric(M: Any, b: Any) -> Any:
+    """Solution of M a = b for symmetric positive definite M (n × n), by L D Lᵀ, unrolled."""
+    n = M.shape[0]
+    L, D = SX.eye(n), [SX(0)] * n
+    for j in range(n):
+        D[j] = M[j, j] - sum(L[j, k] * L[j, k] * D[k] for k in range(j))
+        for i in range(j + 1, n):
+            L[i, j] = (M[i, j] - sum(L[i, k] * L[j, k] * D[k] for k in range(j))) / D[j]
+    y: list[Any] = []
+    for i in range(n):
+        y.append(b[i] - sum(L[i, k] * y[k] for k in range(i)))
+    a: list[Any] = [None] * n
+    for i in reversed(range(n)):
+        a[i] = y[i] / D[i] - sum(L[k, i] * a[k] for k in range(i + 1, n))
+    return ca.vertcat(*a)
