@@ -1,0 +1,251 @@
+"""The columns of a log: their names and units, and how each comes from a foreign column, unit, sign, frame and row."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hdagen.table import LogError, Table, list_some
+
+COUNT = "counts"  # of an encoder; needs counts_per_turn
+_ANGLE = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, COUNT: 2 * math.pi}
+_RATE = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "turn/s": 2 * math.pi, "counts/s": 2 * math.pi}
+_TORQUE = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N": 1.0, "mN": 1e-3, "kN": 1e3}
+
+# Per column the units that are known and what one of each is in SI; the first is the column's own. A prismatic joint
+# has its position in m, its speed in m/s and its force in N under the same names.
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "motor_current_command": {"A": 1.0, "mA": 1e-3},
+    "motor_current": {"A": 1.0, "mA": 1e-3},
+    "motor_torque_command": _TORQUE,
+    "motor_torque": _TORQUE,
+    "motor_position": _ANGLE,
+    "joint_position": {**_ANGLE, "m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "joint_torque": _TORQUE,
+    "joint_position_reference": {**_ANGLE, "m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "motor_velocity": _RATE,
+    "joint_velocity": {**_RATE, "m/s": 1.0, "mm/s": 1e-3},
+    "motor_temperature": {"K": 1.0, "degC": 1.0},
+    "tip_force_x": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "tip_force_y": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+}
+WHOLE_ARM = ("time", "tip_force_x", "tip_force_y")
+RAW_UNITS = ("V", "mV", "percent", "counts")  # of anything; a scale says what one of it is
+_CELSIUS_ZERO = 273.15  # K
+_NAME = re.compile(r"(?P<base>[a-z_]+?)_(?P<joint>[1-9]\d?)")
+
+
+class ColumnsError(LogError):
+    """A columns.toml that cannot be used; the log itself was not looked at."""
+
+
+def split_name(name: str) -> tuple[str, int] | None:
+    """``motor_current_2`` -> ("motor_current", 2); ("time", 0) for the whole arm's; None for no column of a log."""
+    if name in WHOLE_ARM:
+        return name, 0
+    match = _NAME.fullmatch(name)
+    if match and match["base"] in UNITS and match["base"] not in WHOLE_ARM:
+        return match["base"], int(match["joint"])
+    return None
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where one column comes from.
+
+    In this order: a wrapped counter is unwrapped, missing values are filled, ``subtract`` is taken off, then
+    value = sign · scale · (logged, in SI) [· or / ratio] + offset, and it moves down by ``shift_rows``.
+    """
+
+    name: str
+    read: str  # the foreign column; "" where value or period says all
+    value: float | None = None  # a constant column
+    period: float | None = None  # time only: rows this far apart, s
+    unit: str = ""
+    scale: float = 1.0
+    sign: float = 1.0
+    offset: float = 0.0
+    counts_per_turn: float | None = None
+    wrap: float | None = None  # in the logged unit
+    subtract: str = ""
+    joint_side_ratio: float | None = None
+    shift_rows: int = 0
+    fill: str = ""
+    duplicates: str = ""  # time only
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The frame of a logged tip force: ``rotation`` (rad) from the base or, if ``moving``, from the last link."""
+
+    moving: bool = False
+    rotation: float = 0.0
+    turning_joints: tuple[int, ...] | None = None  # revolute joints; None: all
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A table under the contract's names, in SI. Rows outside [start, stop) lack a value that was shifted or filled."""
+
+    time: np.ndarray
+    columns: dict[str, np.ndarray]
+    start: int
+    stop: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """A columns.toml, checked. Columns of the log that already have a contract name need no entry."""
+
+    sources: dict[str, Source]
+    ignore: tuple[str, ...] = ()
+    frame: Frame | None = None
+    path: Path | None = None
+
+    def reads(self, name: str) -> bool:
+        """Whether the file's column ``name`` is needed."""
+        needed = any(name in (source.read, source.subtract) for source in self.sources.values())
+        return needed or (split_name(name) is not None and name not in self.ignore and name not in self.sources)
+
+    def apply(self, table: Table) -> Mapped:
+        """Bring a table under the log's names and units. Raises ColumnsError with every column that is not there."""
+        own = {name: Source(name, name) for name in table.columns if self.reads(name) and split_name(name)}
+        own = {name: source for name, source in own.items() if name not in self.sources}
+        sources = self.sources | own
+        problems = [
+            f"{self.path}: [{source.name}] takes column {read!r}, not in the log{_suggest(read, table.names)}."
+            for source in sources.values()
+            for read in (source.read, source.subtract)
+            if read and read not in table.columns
+        ]
+        lengths = {
+            name: len(table.columns[name])
+            for s in sources.values()
+            for name in (s.read, s.subtract)
+            if name in table.columns
+        }
+        if len(set(lengths.values())) > 1:
+            listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            problems.append(f"{self.path}: the columns differ in length ({listed}); take columns of one recording.")
+        if not lengths and sources:
+            problems.append(f"{self.path}: no column of the log is used: give at least one 'from'.")
+        if problems:
+            raise ColumnsError(problems)
+        rows = next(iter(lengths.values()), 0)
+        converted = {name: _convert(source, table, rows) for name, source in sources.items()}
+        notes = [note for source in sources.values() for note in _notes(source, table)]
+        if self.frame is not None:
+            notes.append(_turn_force(self.frame, converted, self.path))
+        start = max((_edges(sources[n], v)[0] for n, v in converted.items()), default=0)
+        stop = min((_edges(sources[n], v)[1] for n, v in converted.items()), default=rows)
+        time = converted.pop("time", np.empty(0))
+        return Mapped(time, converted, start, max(start, stop), tuple(notes))
+
+
+def _suggest(name: str, names: tuple[str, ...]) -> str:
+    close = difflib.get_close_matches(name, names, 1)
+    return f" (did you mean {close[0]!r}? it has: {list_some(names)})" if close else f" (it has: {list_some(names)})"
+
+
+def _factor(source: Source) -> float:
+    """What one of the logged unit is in the column's own unit, before the scale."""
+    base = (split_name(source.name) or (source.name, 0))[0]
+    factor = UNITS[base].get(source.unit, 1.0) if source.unit else 1.0
+    if source.unit in (COUNT, "counts/s"):
+        return factor / source.counts_per_turn if source.counts_per_turn else 1.0
+    return factor
+
+
+def _convert(source: Source, table: Table, rows: int) -> np.ndarray:
+    """One column of shape (rows,) in SI, NaN where shifting or filling left no value."""
+    if source.value is not None:
+        return np.full(rows, source.value)
+    if source.period is not None:
+        return np.arange(rows) * source.period
+    logged = _prepare(table.columns[source.read], source)
+    if source.subtract:
+        logged = logged - _prepare(table.columns[source.subtract], source)
+    factor = source.sign * source.scale * _factor(source)
+    if source.joint_side_ratio is not None:
+        is_torque = source.name.startswith("motor_torque")
+        factor = factor / source.joint_side_ratio if is_torque else factor * source.joint_side_ratio
+    offset = source.offset + (_CELSIUS_ZERO if source.unit == "degC" else 0.0)
+    values = logged if factor == 1.0 and offset == 0.0 else factor * logged + offset
+    if source.shift_rows:
+        shifted = np.full(rows, np.nan)
+        k = source.shift_rows
+        shifted[max(k, 0) : rows + min(k, 0)] = values[max(-k, 0) : rows - max(k, 0)]
+        return shifted
+    return values
+
+
+def _prepare(values: np.ndarray, source: Source) -> np.ndarray:
+    """Unwrap a counter over the rows that have a value, then fill the others (never beyond the first and last)."""
+    known = np.flatnonzero(np.isfinite(values))
+    if source.wrap is not None and len(known):
+        values = values.copy()
+        values[known] = np.unwrap(values[known], period=source.wrap)
+    if not source.fill or len(known) in (0, len(values)):
+        return values
+    if source.fill == "linear":
+        return np.interp(np.arange(len(values)), known, values[known], left=np.nan, right=np.nan)
+    last = np.searchsorted(known, np.arange(len(values)), side="right") - 1
+    return np.where(last >= 0, values[known[np.maximum(last, 0)]], np.nan)
+
+
+def _edges(source: Source, values: np.ndarray) -> tuple[int, int]:
+    """The rows [start, stop) outside which a shifted or filled column has no value."""
+    start, stop = max(source.shift_rows, 0), len(values) + min(source.shift_rows, 0)
+    if source.fill and len(known := np.flatnonzero(np.isfinite(values))):
+        start, stop = max(start, int(known[0])), min(stop, int(known[-1]) + 1)
+    return start, stop
+
+
+def _notes(source: Source, table: Table) -> list[str]:
+    """What was done to a column, in a sentence; nothing for a column taken as it is."""
+    if source.value is not None:
+        return [f"{source.name} is not logged: taken as {source.value:g} throughout."]
+    if source.period is not None:
+        return [f"time is not logged: rows are {source.period:g} s apart."]
+    parts = []
+    if source.wrap is not None:
+        parts.append(f"unwrapped at {source.wrap:g}")
+    if source.subtract:
+        parts.append(f"less {source.subtract}")
+    factor = source.sign * source.scale * _factor(source)
+    if factor != 1.0 or source.unit == "degC":
+        parts.append(f"converted from {source.unit or 'the logged sign and scale'} (times {factor:.10g})")
+    if source.joint_side_ratio is not None:
+        parts.append(f"brought from the joint's side to the motor's (ratio {source.joint_side_ratio:g})")
+    if source.offset:
+        parts.append(f"{source.offset:g} added")
+    if source.shift_rows:
+        parts.append(f"moved by {source.shift_rows} row(s)")
+    missing = int(np.count_nonzero(~np.isfinite(table.columns[source.read])))
+    if source.fill and missing:
+        parts.append(f"{missing} missing value(s) filled ({source.fill})")
+    return [f"{source.name} is {source.read}, {', '.join(parts)}."] if parts else []
+
+
+def _turn_force(frame: Frame, columns: dict[str, np.ndarray], path: Path | None) -> str:
+    """Turn the tip force into the base frame, in place. Raises ColumnsError where a column for it is missing."""
+    positions = [name for name in columns if (split_name(name) or ("", 0))[0] == "joint_position"]
+    if frame.turning_joints is not None:
+        positions = [f"joint_position_{j}" for j in frame.turning_joints]
+    needed = ["tip_force_x", "tip_force_y", *(positions if frame.moving else [])]
+    missing = [name for name in needed if name not in columns]
+    if missing or (frame.moving and not positions):
+        lacking = list_some(missing) if missing else "joint_position_1"
+        raise ColumnsError([f"{path}: [tip_force] needs {lacking}, which the log does not have: log it, or map it."])
+    angle = frame.rotation + (sum(columns[name] for name in positions) if frame.moving else 0.0)
+    x, y = columns["tip_force_x"], columns["tip_force_y"]
+    columns["tip_force_x"] = np.cos(angle) * x - np.sin(angle) * y
+    columns["tip_force_y"] = np.sin(angle) * x + np.cos(angle) * y
+    return f"The tip force was turned from the {'tip' if frame.moving else 'sensor'} frame into the base frame."

@@ -1,0 +1,190 @@
+"""CSV files as people really have them: read fast, and where that fails read slowly to say what is wrong and where."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hdagen.table import LogError, Table, duplicates, first_line, list_some
+
+_HEAD = 1 << 20  # bytes in which the header must end
+_SHOWN = 5  # bad rows named one by one; the rest is counted
+_NULLS = ("", "nan", "-nan", "NaN", "NAN", "Nan", "NA", "N/A", "#N/A", "null", "NULL", "None")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|Inf|INF|infinity|Infinity)")
+_FOREIGN = {  # first bytes of other formats that get the wrong ending
+    b"PAR1": "a Parquet file: name it .parquet",
+    b"MATLAB": "a MATLAB file: name it .mat",
+    b"\x89HDF": "an HDF5 file (MATLAB 7.3 and others): export it as CSV or Parquet",
+    b"PK\x03\x04": "a zip archive (or a spreadsheet): unpack it, or export the sheet as CSV",
+    b"\x1f\x8b": "gzip-compressed: unpack it",
+    b"\x28\xb5\x2f\xfd": "zstd-compressed: unpack it",
+    b"SQLite": "an SQLite database (a rosbag?): export the topics as CSV or Parquet",
+    b"\x89MCAP": "an MCAP recording: export the topics as CSV or Parquet",
+}
+_UTF_MARKS = (
+    (b"\xff\xfe\0\0", "UTF-32"),
+    (b"\0\0\xfe\xff", "UTF-32"),
+    (b"\xff\xfe", "UTF-16"),
+    (b"\xfe\xff", "UTF-16"),
+)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How a CSV file is laid out: the header's names, and the first data row as text line ``first_line``."""
+
+    names: tuple[str, ...]
+    delimiter: str
+    decimal: str
+    first_line: int
+    notes: tuple[str, ...]
+
+
+def read_csv(path: Path, keep: Callable[[str], bool]) -> Table:
+    """Read the columns for which ``keep(name)`` holds; an empty cell is NaN. Raises LogError with every bad place."""
+    layout = _layout(path)
+    problems = duplicates(path, list(layout.names), keep)
+    wanted = [i for i, name in enumerate(layout.names) if name and keep(name)]
+    if problems:
+        raise LogError(problems)
+    import pyarrow as pa
+    import pyarrow.csv as pa_csv
+
+    keys = [str(i) for i in range(len(layout.names))]
+    try:
+        with pa.memory_map(str(path)) as file:
+            arrow = pa_csv.read_csv(
+                file,
+                pa_csv.ReadOptions(column_names=keys, skip_rows=layout.first_line - 1, block_size=1 << 22),
+                pa_csv.ParseOptions(delimiter=layout.delimiter),
+                pa_csv.ConvertOptions(
+                    # with no column wanted the first is read all the same: it carries the number of rows
+                    include_columns=[keys[i] for i in wanted] or keys[:1],
+                    column_types={keys[i]: pa.float64() for i in wanted} or {keys[0]: pa.string()},
+                    decimal_point=layout.decimal,
+                    null_values=list(_NULLS),
+                ),
+            )
+    except (pa.ArrowException, OSError) as error:
+        raise LogError(_diagnose(path, layout, wanted) or [_unreadable(path, error)]) from None
+    columns = {layout.names[i]: np.ascontiguousarray(arrow[keys[i]].to_numpy()) for i in wanted}
+    return Table(columns, layout.names, layout.first_line, layout.notes)
+
+
+def _layout(path: Path) -> _Layout:
+    """Read the head of the file and find out how it is laid out. Raises LogError."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError as error:
+        raise LogError([_unreadable(path, error)]) from None
+    _refuse_foreign(path, head)
+    notes: list[str] = []
+    lines = re.split(r"\r\n|\n|\r", head.decode("utf-8", errors="replace").removeprefix("\ufeff"))
+    number = 0  # lines before the header: blank, or comments
+    while number < len(lines) - 1 and (not lines[number].strip() or lines[number].lstrip().startswith(("#", "%"))):
+        number += 1
+    header, first = lines[number], number + 2
+    if number and _is_row(header) and lines[number - 1].strip():  # numpy.savetxt puts the header into a comment
+        header, first = lines[number - 1].lstrip("#% \t"), number + 1
+        notes.append(f"The header was taken from the comment in line {number}.")
+    if "\ufffd" in header:
+        raise LogError(
+            [f"{path}: the header is not UTF-8 text: convert it, as in iconv -f LATIN1 -t UTF-8 old.csv > new.csv."]
+        )
+    delimiter = max(",;\t", key=header.count)
+    names = tuple(name.strip() for name in next(csv.reader([header], delimiter=delimiter), []))
+    if _is_row(header):
+        raise LogError(
+            [f"{path}: no header, line {first - 1} holds numbers ({header[:60]}…): write the column names above it."]
+        )
+    if len(names) == 1 and len(header.split()) > 1:
+        raise LogError(
+            [f"{path}: the columns are separated by spaces ({header[:60]}…); possible are comma, semicolon and tab."]
+        )
+    if len(lines) < first or not any(line.strip() for line in lines[first - 1 :]):
+        raise LogError(
+            [f"{path}: the file has a header ({list_some(names, 8)}) and no rows: record again, or copy it again."]
+        )
+    decimal = "."
+    if delimiter != "," and re.search(r"\d,\d", lines[first - 1]):
+        decimal = ","
+        notes.append(f"Decimal commas were read (the columns are separated by {delimiter!r}).")
+    return _Layout(names, delimiter, decimal, first, tuple(notes))
+
+
+def _refuse_foreign(path: Path, head: bytes) -> None:
+    """Refuse an empty file, another format under the name of a CSV, and text that is not UTF-8."""
+    what = None
+    for mark, encoding in _UTF_MARKS:
+        if what is None and head.startswith(mark):
+            what = f"{encoding} text; possible is UTF-8: iconv -f {encoding} -t UTF-8 old.csv > new.csv converts it"
+    for mark_, format_ in _FOREIGN.items():
+        if what is None and head.startswith(mark_):
+            what = format_
+    if what is None and not head.strip():
+        what = "empty: record it again, or copy it again"
+    if what is None and b"\0" in head[:4096]:  # UTF-16 without its mark has a zero in every other byte
+        what = "binary, not text; possible are CSV text, .parquet and .mat: export it as one of these"
+        if head[:4096].count(b"\0") > 0.3 * len(head[:4096]):
+            what = "UTF-16 text; possible is UTF-8: iconv -f UTF-16LE -t UTF-8 old.csv > new.csv converts it"
+    if what is not None:
+        raise LogError([f"{path}: the file is {what}."])
+
+
+def _is_row(line: str) -> bool:
+    """Whether a line holds numbers alone."""
+    cells = [cell.strip().strip('"') for cell in re.split(r"[,;\t ]+", line.strip())]
+    return bool(cells) and all(_NUMBER.fullmatch(cell) or cell in _NULLS for cell in cells)
+
+
+def _diagnose(path: Path, layout: _Layout, wanted: list[int]) -> list[str]:
+    """Walk a file that the fast reader refused; name each row of the wrong length and each cell that is no number."""
+    width = len(layout.names)
+    ragged: list[tuple[int, int]] = []
+    cells: list[tuple[int, int, str]] = []
+    for line, row in _rows(path, layout):
+        if len(row) != width:
+            ragged.append((line, len(row)))
+            continue
+        for i in wanted:
+            text = row[i].strip().replace(layout.decimal, ".")
+            if text not in _NULLS and not _NUMBER.fullmatch(text):
+                cells.append((line, i, row[i].strip()))
+    problems = []
+    for line, length in ragged[:_SHOWN]:
+        hint = "delete or complete the line"
+        if layout.delimiter == "," and length > width:
+            hint = (
+                "if the numbers have decimal commas, export with decimal points, or with semicolons between the columns"
+            )
+        problems.append(f"{path}, line {line}: {length} cells where the header has {width}: {hint}.")
+    for line, i, text in cells[:_SHOWN]:
+        hint = "correct or delete it (an empty cell means: no value)"
+        if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", text):
+            hint = "it has a decimal comma: export with decimal points, or with semicolons between the columns"
+        elif line == layout.first_line:
+            hint = "if the line holds units, delete it and state them in columns.toml"
+        problems.append(f"{path}, line {line}, column {layout.names[i]}: {text[:40]!r} is not a number: {hint}.")
+    for what, bad in (("line(s) of the wrong length", ragged), ("cell(s) that are not numbers", cells)):
+        if len(bad) > _SHOWN:
+            problems.append(f"{path}: {len(bad)} {what} in all, the last in line {bad[-1][0]}.")
+    return problems
+
+
+def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
+    """The data rows with their line numbers, blank lines left out."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for line, text in enumerate(file, start=1):
+            if line >= layout.first_line and text.strip():
+                yield line, next(csv.reader([text.replace("\0", "\ufffd")], delimiter=layout.delimiter))
+
+
+def _unreadable(path: Path, error: BaseException) -> str:
+    why = getattr(error, "strerror", None) or first_line(error)
+    return f"{path}: cannot be read ({why}): check that the file is whole and that it may be read."

@@ -1,0 +1,187 @@
+"""A table of numbers and its files, CSV and Parquet: exact both ways, written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")  # a column name that needs no quoting anywhere
+
+
+class LogError(Exception):
+    """A log that cannot be used or written: ``problems`` holds one sentence for each thing wrong."""
+
+    def __init__(self, problems: list[str]) -> None:
+        self.problems = problems
+        super().__init__("\n".join(problems))
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of equal length as they stand in a file, no unit converted.
+
+    ``columns`` holds float64 arrays of shape (T,) for the names that were asked for, NaN where a cell is empty;
+    ``names`` all names of the file; ``first_line`` the text line of row 1 (None where the file is not text);
+    ``notes`` what was done to read it, as sentences.
+    """
+
+    columns: dict[str, np.ndarray]
+    names: tuple[str, ...]
+    first_line: int | None
+    notes: tuple[str, ...]
+
+    def place(self, row: int) -> str:
+        """Row ``row`` (counted from 0) in a person's words: counted from 1, with its line in a text file."""
+        return f"row {row + 1}" + (f" (line {row + self.first_line})" if self.first_line is not None else "")
+
+
+def list_some(names: list[str] | tuple[str, ...], limit: int = 40) -> str:
+    """The names, joined; beyond ``limit`` only how many more there are."""
+    shown = ", ".join(names[:limit]) or "none"
+    return shown + (f" and {len(names) - limit} more" if len(names) > limit else "")
+
+
+def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
+    """Read the columns for which ``keep(name)`` holds; pages with a wrong checksum are refused. Raises LogError."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            schema = file.schema_arrow
+            problems = duplicates(path, schema.names, keep)
+            wanted = [name for name in schema.names if keep(name)]
+            for name in wanted if not problems else ():
+                kind = schema.field(name).type
+                if not (is_number(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind)):
+                    problems.append(
+                        f"{path}: column {name} holds {kind}, not numbers; possible are integers, floating point, "
+                        "booleans and time stamps: convert it, or leave the column out."
+                    )
+            if problems:
+                raise LogError(problems)
+            notes: list[str] = []
+            columns = {}
+            for name in wanted:
+                columns[name] = _numbers(name, file.read(columns=[name]).column(0), notes)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise LogError(
+            [
+                f"{path}: not a readable Parquet file ({first_line(error)}): the file is damaged, incomplete or of "
+                "another format; copy or export it again."
+            ]
+        ) from None
+    return Table(columns, tuple(schema.names), None, tuple(notes))
+
+
+def is_number(kind: Any) -> bool:
+    """Whether an Arrow type converts to float64."""
+    import pyarrow as pa
+
+    types = pa.types
+    return types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
+
+
+def _numbers(name: str, column: Any, notes: list[str]) -> np.ndarray:
+    """An Arrow column as float64; time stamps become seconds from the first one."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+        per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
+        ticks = column.cast(pa.int64())
+        if ticks.null_count == 0 and len(ticks):
+            notes.append(f"{name} holds {column.type}: taken as seconds from its first row.")
+            ticks = ticks.to_numpy()
+            return (ticks - ticks[0]) / per_second
+        return np.full(len(ticks), np.nan)
+    return np.ascontiguousarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+
+
+def duplicates(path: Path, names: list[str], keep: Callable[[str], bool]) -> list[str]:
+    """One sentence for each kept name that stands in the file more than once."""
+    problems = []
+    for name in dict.fromkeys(names):
+        places = [str(i + 1) for i, other in enumerate(names) if other == name]
+        if name and len(places) > 1 and keep(name):
+            problems.append(
+                f"{path}: column {name} stands {len(places)} times in the header (columns {', '.join(places)}); "
+                "which one counts cannot be known: rename or delete all but one."
+            )
+    return problems
+
+
+def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
+    """Write columns of shape (T,) as float64: .csv (shortest text that reads back exactly), .parquet (page checksums).
+
+    The file appears whole or not at all; a file that stood there before stays as it was where writing fails.
+    Raises LogError.
+    """
+    path = Path(path)
+    columns = {name: np.asarray(values, dtype=np.float64) for name, values in table.items()}
+    problems = [
+        f"{path}: column name {name[:80]!r} cannot be written; possible are letters, digits and _, at most 64."
+        for name in columns
+        if not _NAME.fullmatch(name)
+    ]
+    if len({values.shape for values in columns.values()}) != 1 or any(v.ndim != 1 for v in columns.values()):
+        shapes = ", ".join(f"{name} {values.shape}" for name, values in columns.items())
+        problems.append(f"{path}: a table needs at least one column and all of one length; given: {shapes or 'none'}.")
+    if path.suffix not in (".csv", ".parquet"):
+        problems.append(f"{path}: cannot write a file ending in {path.suffix!r}; possible are .csv and .parquet.")
+    if problems:
+        raise LogError(problems)
+    import pyarrow as pa
+
+    arrow = pa.table(columns)
+    try:
+        _replace(path, lambda file: _emit(arrow, path.suffix, file))
+    except (OSError, pa.ArrowException) as error:
+        why = getattr(error, "strerror", None) or first_line(error)
+        raise LogError(
+            [f"{path}: cannot be written ({why}); nothing was left half-written: make room or choose another place."]
+        ) from None
+
+
+def _emit(arrow: Any, suffix: str, file: BinaryIO) -> None:
+    if suffix == ".parquet":
+        import pyarrow.parquet as pq
+
+        pq.write_table(arrow, file, compression="zstd", write_page_checksum=True)
+        return
+    import pyarrow.csv as pa_csv
+
+    file.write((",".join(arrow.column_names) + "\n").encode())
+    pa_csv.write_csv(arrow, file, pa_csv.WriteOptions(include_header=False))
+
+
+def _replace(path: Path, emit: Callable[[BinaryIO], None]) -> None:
+    """Put what ``emit`` writes at ``path``: a new file beside it, synced, then renamed over it."""
+    temporary = path.with_name(f".{path.name[:200]}.{secrets.token_hex(8)}")
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            emit(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    if os.name == "posix":  # the rename itself must reach the disk
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def first_line(error: BaseException) -> str:
+    """The first line of an error's text, without its final full stop."""
+    return (str(error).splitlines() or [type(error).__name__])[0].rstrip(". ")[:300]
