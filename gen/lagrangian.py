@@ -1,6 +1,6 @@
 """The planar arm from its Lagrangian, in SymPy: the second opinion on the graph of ``gen.arm``.
 
-Legend: q coordinates, v = q̇, M mass matrix, C Coriolis matrix, g gravity vector, T and V kinetic and potential energy,
+Legend: q coordinates, v = q̇, M mass matrix, C Coriolis matrix, g gravity, T and V kinetic and potential energy,
 θ motor angle, φ torsion, U(φ) energy stored in a drive's springs, τ = U′(φ) joint torque.
 
     L = T − V   gives   M(q) q̈ + C(q, q̇) q̇ + g(q) + s(τ) = torques applied along q
@@ -35,8 +35,8 @@ Numeric = Callable[[ArrayLike, ArrayLike, Mapping[str, float]], NDArray[np.float
 class Lagrangian:
     """The arm's equations of motion. Matrices are immutable; n is the number of coordinates, SI units.
 
-    Without drives, and with rigid ones, the coordinates are the joints' (rad, m). A flexible drive adds its motor angle: those
-    stand first, in the order of the joints, as in the state vector of docs/design.md.
+    Without drives, and with rigid ones, the coordinates are the joints' (rad, m). A flexible drive adds a motor angle;
+    these stand first, in the order of the joints, as in the state vector of docs/design.md.
     """
 
     kinds: tuple[str, ...]
@@ -70,7 +70,7 @@ class Lambdified:
 
 @cache
 def derive(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
-    """The equations of motion of the chain ``kinds``, base first, with one of ``drives`` per joint, or none for bare links.
+    """The equations of motion of the chain ``kinds``, base first, with a drive per joint, or none for bare links.
 
     Raises ValueError with one sentence for each thing wrong.
     """
@@ -180,7 +180,7 @@ def _links(
 def _springs(
     flexible: list[int], joints: tuple[sp.Symbol, ...], motors: tuple[sp.Symbol, ...], q: tuple[sp.Symbol, ...]
 ) -> tuple[sp.Expr, tuple[sp.Symbol, ...], sp.ImmutableMatrix]:
-    """Stored energy, joint torques and generalised spring torques: U is any function of φ = θ/N − q, and τ its slope."""
+    """Stored energy, joint torques and generalised spring torques: U any function of φ = θ/N − q, and τ its slope."""
     torques = _symbols("joint_torque", flexible)
     stored, along = sp.S.Zero, sp.zeros(len(q), 1)
     for j, theta, torque in zip(flexible, motors, torques, strict=True):

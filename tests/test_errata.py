@@ -1,6 +1,6 @@
 """docs/errata.md row by row: the printed form of the paper fails, the checked form passes.
 
-Legend (paper's letters): τ_f, τ_w torque of flexspline and wave generator; θ_wi, θ_wo, θ_fi, θ_fo their angles, in and out;
+Legend (paper's letters): τ_f, τ_w torque of flexspline and wave generator; θ_wi, θ_wo, θ_fi, θ_fo angles in and out;
 Δθ_w = θ_wi − θ_wo, Δθ_f = θ_fi − θ_fo; θ_wo = −N θ_fi; Δθ_h whole torsion; Δθ what (12) makes of the encoders.
 """
 
@@ -63,7 +63,7 @@ def test_wave_generator_stiffens(side: int) -> None:
 
 
 def test_wave_generator_stiffness_in_six_is_its_own() -> None:
-    """K_0 is defined nowhere: of Table I's stiffnesses only K_w0 gives the limit ψ/2 of (30), and the slope of (4) at zero."""
+    """K_0 is defined nowhere: of Table I's stiffnesses only K_w0 gives ψ/2 in (30), and the slope of (4) at zero."""
     limit = sp.limit(wave_generator_twist, tau, sp.oo) / N
     table = {"K_w0": K_W0, "K_f0": K_F0, "K_f": K_F}
     limits = {name: float(limit.subs({c: C_W, K: value})) for name, value in table.items()}
@@ -104,7 +104,7 @@ def test_catalogue_gives_table_one_from_mid_torques() -> None:
 
 
 def test_cubic_is_the_series_of_the_tangent() -> None:
-    """d_1 and d_3 of (8) match the inverse of (10) up to the fifth order; those that follow from (9) as printed do not."""
+    """d_1 and d_3 of (8) match the inverse of (10) up to the fifth order; those of (9) as printed do not."""
     x = sp.Symbol("x", positive=True)
 
     def error(d1: sp.Expr, d3: sp.Expr) -> sp.Expr:
@@ -118,7 +118,7 @@ def test_cubic_is_the_series_of_the_tangent() -> None:
 
 
 def test_wave_generator_limit_is_seen_at_the_joint() -> None:
-    """(30) is ψ/2, an angle of the joint: the limit of (6) divided by N. As an angle of the wave generator it is N times off."""
+    """(30) is ψ/2, an angle of the joint: the limit of (6) divided by N. At the wave generator it is N times off."""
     limit = float(sp.limit(wave_generator_twist, tau, sp.oo).subs({c: C_W, K: K_W0}))
     right_side = 1 / (C_W * N * K_W0)
     assert math.isclose(right_side, PSI / 2, rel_tol=1e-4)
@@ -130,7 +130,7 @@ def test_wave_generator_limit_is_seen_at_the_joint() -> None:
 
 @pytest.mark.parametrize("torque", [-11.0, -0.4, 0.05, 3.0, 20.0])
 def test_total_torsion_has_a_minus(torque: float) -> None:
-    """Two springs are twisted by a given torque; (12), (15), (16) must give it back. The software's θ/N − q is the same Δθ."""
+    """Two springs wound by a torque; (12), (15), (16) must give it back. The software's θ/N − q is the same Δθ."""
     wi, _, fo = drive_angles(torque, output=0.7)
 
     def estimate(total: float) -> float:
@@ -144,14 +144,14 @@ def test_total_torsion_has_a_minus(torque: float) -> None:
 
 @pytest.mark.parametrize("output", [-2.0, -0.1, 0.1, 0.7])
 def test_motor_encoder_is_the_wave_generator_s(output: float) -> None:
-    """With the motor's encoder as θ_wi the torsion stays within the law's reach; exchanged it is as large as the motion."""
+    """With the motor's encoder as θ_wi the torsion is within the law's reach; exchanged, as large as the motion."""
     motor_encoder, _, optical_encoder = drive_angles(5.0, output)
     assert abs(-(optical_encoder + motor_encoder / N)) < LARGEST_TWIST
     assert abs(-(motor_encoder + optical_encoder / N)) > 1000 * LARGEST_TWIST
 
 
 def friction_settles(motor_torque: float, held: float) -> float:
-    """τ_w after a slow rise of the motor torque: a rotor on the locked drive's spring, which held ``held``, without (17)."""
+    """τ_w after a slow rise of the motor torque: a rotor on the locked drive's spring, wound to ``held``."""
     stiffness, viscous, h = 7051 / N**2, 0.05, 2e-4
     twist, speed = held / stiffness, 0.0
     for step in range(10_000):
@@ -188,7 +188,7 @@ def test_between_the_breakaways_the_joint_sticks() -> None:
 
 
 def test_friction_takes_power() -> None:
-    """τ_m ω less what accelerates the rotor and what goes into the drive is lost, in both directions: never negative."""
+    """τ_m ω less what accelerates the rotor and what goes into the drive is lost, both ways: never negative."""
     inertia, viscous, coulomb, speed = sp.symbols("J r tau_fs omega", positive=True)
     rate, acceleration, load = sp.symbols("rate acceleration tau_w", real=True)
 
@@ -203,7 +203,7 @@ def test_friction_takes_power() -> None:
 
 
 def test_motor_inertia_turns_with_the_motor() -> None:
-    """Motor, spring, gear: stored energy changes by τ_m θ̇_wi − τ_w θ̇_wo, whatever the spring, only with J on θ_wi."""
+    """Stored energy changes by τ_m θ̇_wi − τ_w θ̇_wo, whatever the spring, only with J on θ_wi."""
     J, motor, spring = sp.symbols("J tau_m tau_w", real=True)
     rate = dict(zip(("wi", "wo"), sp.symbols("rate_wi rate_wo", real=True), strict=True))
     acceleration = dict(zip(("wi", "wo"), sp.symbols("acc_wi acc_wo", real=True), strict=True))
@@ -227,7 +227,7 @@ def test_motor_inertia_turns_with_the_motor() -> None:
 
 @pytest.mark.parametrize("torque", [-12.0, -5.0, 5.0, 12.0])
 def test_joint_torque_is_the_secant(torque: float) -> None:
-    """The flexspline is wound by adding up dτ/K_f; (10) gives its torque back, the tangent stiffness times the angle does not."""
+    """The flexspline is wound by adding up dτ/K_f; (10) gives its torque back, tangent times angle does not."""
     _, wo, fo = drive_angles(torque, output=-0.3)
     across = fo + wo / N
     assert math.isclose(math.tan(-C_F * K_F0 * across) / C_F, torque, rel_tol=1e-9)
@@ -342,9 +342,9 @@ def test_citations_name_the_equations_that_do_it() -> None:
 
 
 def test_masses_are_grams_in_one_table_and_kilograms_in_the_other() -> None:
-    """The same sets (B and K agree) stand in Table III, Fig. 21 and Table V; they are one controller only after conversion.
+    """Equal sets (by B and K) stand in Table III, Fig. 21 and Table V; they are one controller after conversion only.
 
-    The physics: the compliance 1/(M s² + B s + K) of a set, at one turn a second, must not depend on where it is printed.
+    The physics: a set's compliance 1/(M s² + B s + K), at one turn a second, cannot depend on where it is printed.
     """
     impedance = {(1e-10, 1e-5): (0.001, 1.0), (1e-7, 1e-12): (0.0015, 1.5)}  # (B, K): Table III or Fig. 21, Table V
     admittance = {(1.0, 10.0): (500.0, 500.0)}  # Fig. 21, Table V
@@ -363,7 +363,7 @@ def test_masses_are_grams_in_one_table_and_kilograms_in_the_other() -> None:
 
 
 def test_four_newton_metres_are_at_the_joint() -> None:
-    """Of the four readings only 4 N m at the joint both breaks the wave generator away and stays below the motor's peak."""
+    """Of four readings only 4 N m at the joint breaks the wave generator away and stays below the motor's peak."""
     readings = {(0.4, "motor"): 0.4, (0.4, "joint"): 0.4 / N, (4.0, "motor"): 4.0, (4.0, "joint"): 4.0 / N}
     assert [r for r, at_motor in readings.items() if TAU_FS < at_motor <= K_M * PEAK_CURRENT] == [(4.0, "joint")]
 

@@ -128,7 +128,7 @@ def test_jacobian_is_the_tip_s_difference_quotient(kinds: tuple[str, ...]) -> No
 
 
 def test_pendulum_on_paper() -> None:
-    """One link, gravity down, q = 0 along x: M = I + m r², g = m 9.81 r cos q; the tip at q = 90° stands above the joint."""
+    """One link, gravity down, q = 0 along x: M = I + m r², g = m 9.81 r cos q; at q = 90° the tip is above the joint."""
     numbers = lambdified(derive((R,)))
     p = {
         "gravity_x": 0.0,
@@ -144,7 +144,7 @@ def test_pendulum_on_paper() -> None:
 
 
 def test_slider_on_paper() -> None:
-    """A slider on a turning link feels the centrifugal force m (r + q2 + l1) ω², and ω feels twice the Coriolis share."""
+    """A slider on a turning link: centrifugal force m (r + q2 + l1) ω², and the Coriolis torque 2 m (…) ω q̇2."""
     numbers = lambdified(derive((R, P)))
     p = {"gravity_x": 0.0, "gravity_y": 0.0, "length_1": 0.5, "mass_1": 1.0, "center_of_mass_1": 0.2, "inertia_1": 0.1}
     p |= {"length_2": 0.0, "mass_2": 3.0, "center_of_mass_2": 0.1, "inertia_2": 0.2}
@@ -176,7 +176,7 @@ def test_flexible_drive_that_cannot_twist_is_the_rigid_one() -> None:
 
 
 def test_joint_torque_is_the_slope_of_the_stored_energy() -> None:
-    """Any U(φ) will do: a quartic one shows that τ enters as τ/N at the motor and as −τ at the joint, with φ = θ/N − q."""
+    """A quartic U(φ), φ = θ/N − q, for any: τ enters as τ/N at the motor and as −τ at the joint."""
     model = derive((R, P), ("rigid", "flexible"))
     assert [str(q) for q in model.q] == ["motor_position_2", "joint_position_1", "joint_position_2"]
     theta, _, slide = model.q
@@ -262,7 +262,7 @@ def test_casadi_tip_mass_is_a_point_at_the_derived_tip(kinds: tuple[str, ...]) -
 
 
 def test_casadi_inverse_branches_reach_the_derived_tip() -> None:
-    """Both postures put the tip where it was, one of them is the posture it came from, and out of reach there is none."""
+    """Both postures put the tip where it was, one is the posture it came from, and out of reach there is none."""
     model = derive((R, R))
     numbers = lambdified(model)
     for q, v, p in samples(model):
