@@ -128,7 +128,7 @@ def test_jacobian_is_the_tip_s_difference_quotient(kinds: tuple[str, ...]) -> No
 
 
 def test_pendulum_on_paper() -> None:
-    """One link, gravity down, q = 0 along x: M = I + m r², g = m 9.81 r cos q; at q = 90° the tip is above the joint."""
+    """One link, gravity down, q = 0 along x: M = I + m r², g = m 9.81 r cos q; at 90° the tip is above the joint."""
     numbers = lambdified(derive((R,)))
     p = {
         "gravity_x": 0.0,
