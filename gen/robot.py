@@ -1,100 +1,148 @@
-"""The robot description: what robot.toml says, checked, as frozen data."""
+"""Reads a robot.toml or a preset, checks it as a whole, and fills in what it leaves open.
+
+Everything wrong in a file is reported at once, one sentence each: file, key, what was found, what is possible, what to
+do.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+from gen import rules
+from gen.catalogue import CATALOGUE, drive_laws
+from gen.description import Drive, Joint, Limits, Robot, RobotError, Sensor, StatedEffect, Value, canonical
+from gen.effect import Effect
+from gen.entry import shown
+from gen.mass import singular
+from gen.parameters import ParameterValue, parameters
+from gen.presets import presets
+from gen.reading import Reading
+from gen.schema import LAW_SHARPNESS
+
+__all__ = [
+    "Drive",
+    "Joint",
+    "Limits",
+    "ParameterValue",
+    "Robot",
+    "RobotError",
+    "Sensor",
+    "StatedEffect",
+    "Value",
+    "canonical",
+    "from_table",
+    "load",
+    "parameters",
+]
+
+LARGEST = 1_000_000  # bytes of a file
+SPRINGS = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
 
 
-class RobotError(Exception):
-    """A robot file that cannot be used: ``problems`` holds one sentence for each thing wrong."""
+def load(source: str | Path, effects: tuple[Effect, ...] | None = None) -> Robot:
+    """The robot of a preset's name or of a robot.toml. Raises RobotError.
 
-    def __init__(self, problems: list[str]) -> None:
-        self.problems = problems
-        super().__init__("\n".join(problems))
-
-
-@dataclass(frozen=True)
-class Value:
-    """A number with the relative standard deviation with which it is known."""
-
-    nominal: float
-    tolerance: float
+    ``effects`` are those that [[effect]] may name; None: all of `gen.effects`.
+    """
+    name = str(source)
+    label = name if name.isprintable() and len(name) <= 200 else shown(name)
+    file = presets().get(name, Path(name))
+    return from_table(_table(file, label), label, file, effects)
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A drive. Spring values are None where ``rigid``; ``torque_constant`` None: the input is motor torque."""
-
-    rigid: bool
-    ratio: Value
-    motor_inertia: Value
-    viscous_friction: Value
-    coulomb_friction: Value
-    friction_smoothing: Value  # rad/s at the motor, width of the smooth sign
-    torque_constant: Value | None
-    max_current: float | None
-    flexspline_stiffness: Value | None  # K_f0
-    flexspline_stiffening: Value | None  # c_f
-    wave_generator_stiffness: Value | None  # K_w0
-    wave_generator_stiffening: Value | None  # c_w
-    torsional_damping: Value | None
-    law_torque: Value | None  # N m at the joint; beyond it the spring law goes on along its tangent
-    hysteresis_loss: float | None  # ψ, rad, from the catalogue; None if unknown
+def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tuple[Effect, ...] | None = None) -> Robot:
+    """The robot of a parsed robot.toml, called ``label`` in errors. Raises RobotError."""
+    reading = Reading(label)
+    top = rules.top(table, reading)
+    stated = rules.joints(table, reading)
+    present = rules.effects(table, [values["drive"] for values in stated], effects, reading)
+    if reading.problems:
+        raise RobotError(reading.problems)
+    joints = tuple(_joint(values, reading.tolerance) for values in stated)
+    flaw = singular(joints)
+    if flaw:
+        where = ", ".join(f"{position:.3g}" for position in flaw[0])
+        found = f"found a mass matrix that is not positive definite at the joint positions [{where}]"
+        scaled = f"scaled to a unit diagonal its smallest eigenvalue is {flaw[1]:.2g}, possible is above 0"
+        raise RobotError([f"{label}, joint: {found} ({scaled}); give the links more mass or inertia."])
+    name = top["name"]
+    return Robot(name, rules.slug(name), top["gravity"], top["tolerance"], top["step"], joints, tuple(present), source)
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Limits of a joint; None where the file states none."""
-
-    position: tuple[float, float] | None
-    speed: float | None
-    torque: float | None
-    motor_torque_rate: float | None
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """Sensors of a joint; 0 where the file states none (exact)."""
-
-    motor_encoder_resolution: float
-    joint_encoder_resolution: float
-    current_noise: float
-    torque_noise: float
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A joint with its link. ``inertia`` is about the centre of mass (negative possible only where the file lumps)."""
-
-    kind: str  # "revolute" or "prismatic"
-    length: Value
-    mass: Value
-    center_of_mass: Value
-    inertia: Value
-    drive: Drive
-    limits: Limits
-    sensor: Sensor
+def _table(file: Path, label: str) -> dict[str, Any]:
+    """The file as TOML reads it. Raises RobotError."""
+    possible = f"possible is a robot.toml or one of {', '.join(presets())}"
+    try:
+        if not file.is_file():
+            found = "found no regular file" if file.exists() else "found no such file"
+            raise RobotError([f"{label}: {found}, {possible}; correct the name."])
+        with file.open("rb") as stream:
+            raw = stream.read(LARGEST + 1)
+    except (OSError, ValueError) as problem:
+        why = getattr(problem, "strerror", None) or str(problem)
+        raise RobotError(
+            [f"{label}: found a file that cannot be read ({why}), {possible}; check name and rights."]
+        ) from None
+    if len(raw) > LARGEST:
+        raise RobotError([f"{label}: found more than {LARGEST} bytes, {possible}, which is far smaller; name one."])
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise RobotError([f"{label}: found text in UTF-16, possible is UTF-8; save the file as UTF-8."])
+    try:
+        return tomllib.loads(raw.decode("utf-8-sig"))
+    except UnicodeDecodeError as problem:
+        where = f"the first at byte {problem.start}"
+        raise RobotError(
+            [f"{label}: found bytes that are not UTF-8 ({where}), possible is UTF-8; save it so."]
+        ) from None
+    except (ValueError, RecursionError) as problem:
+        why = "too deeply nested" if isinstance(problem, RecursionError) else shown(str(problem))[1:-1]
+        raise RobotError(
+            [f"{label}: found text that is not TOML ({why}), possible is TOML; correct it there."]
+        ) from None
 
 
-@dataclass(frozen=True)
-class StatedEffect:
-    """An effect that the robot file states: joint 0 is the whole arm; ``parameters`` hold every parameter, defaults filled in."""
-
-    name: str
-    joint: int
-    parameters: dict[str, Value]
+# -- the description, with what the file leaves open ------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Robot:
-    """A robot description, complete and within physical ranges."""
+def _joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
+    own, drive = values["joint"], values["drive"]
+    gear = CATALOGUE.get(drive.get("catalogue", ""))
+    limits = {name: values["limits"].get(name) for name in ("position", "speed", "torque", "motor_torque_rate")}
+    if gear and limits["torque"] is None:
+        limits["torque"] = gear.repeated_peak_torque
+    return Joint(
+        kind=own["type"],
+        length=own["length"],
+        mass=own["mass"],
+        center_of_mass=own["center_of_mass"],
+        inertia=own["inertia"] if "inertia" in own else _about_center(own),
+        drive=_drive(drive, tolerance),
+        limits=Limits(**limits),
+        sensor=Sensor(**values["sensor"]),
+    )
 
-    name: str
-    slug: str  # matches ^[a-z][a-z0-9_]{0,47}$; the only form of the name that reaches a path
-    gravity: tuple[Value, Value]
-    tolerance: float
-    step: float  # s, integration step the model is meant for
-    joints: tuple[Joint, ...]
-    effects: tuple[StatedEffect, ...]
-    source: Path
+
+def _about_center(own: dict[str, Any]) -> Value:
+    """Inertia about the centre of mass from the one about the joint, whose standard deviation it keeps."""
+    about_joint = own["inertia_about_joint"]
+    inertia = about_joint.nominal - own["mass"].nominal * own["center_of_mass"].nominal ** 2
+    share = abs(about_joint.nominal / inertia) if inertia else 1.0
+    return Value(inertia, about_joint.tolerance * share)
+
+
+def _drive(stated: dict[str, Any], tolerance: float) -> Drive:
+    gear = CATALOGUE.get(stated.get("catalogue", ""))
+    values: dict[str, Any] = dict(stated)
+    if gear:
+        values |= {name: Value(number, tolerance) for name, number in zip(SPRINGS, drive_laws(gear), strict=True)}
+        values = {"ratio": Value(gear.ratio, 0.0), "hysteresis_loss": gear.hysteresis_loss} | values
+    if values["rigid"]:
+        values["torsional_damping"] = None
+    elif "law_torque" not in values:
+        peak = gear.momentary_peak_torque if gear else None
+        values["law_torque"] = Value(peak or LAW_SHARPNESS / values["flexspline_stiffening"].nominal, 0.0)
+    values.setdefault("friction_smoothing", Value(0.01 * values["ratio"].nominal, 0.0))
+    return Drive(**{name: values.get(name) for name in Drive.__dataclass_fields__})

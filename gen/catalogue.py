@@ -1,0 +1,60 @@
+"""Gears of the maker's catalogue, and the laws of the drive that follow from its numbers.
+
+Legend: T1, T2 torques that part the three straight lines, of stiffness K1, K2, K3, which the catalogue draws for torque over
+torsion; ψ hysteresis loss; τ_fs starting torque at the wave generator; N ratio. A gear stands here only with all of these
+read in a source; a peak torque that no source showed is None.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+
+@dataclass(frozen=True)
+class Gear:
+    """A gear as the catalogue prints it; torques at the joint unless said otherwise."""
+
+    ratio: float
+    T1: float  # N m
+    T2: float  # N m
+    K1: float  # N m/rad, from 0 to T1
+    K2: float  # N m/rad, from T1 to T2
+    K3: float  # N m/rad, above T2
+    hysteresis_loss: float  # ψ, rad
+    starting_torque: float  # τ_fs, N m at the wave generator
+    source: str
+    repeated_peak_torque: float | None = None  # N m
+    momentary_peak_torque: float | None = None  # N m
+
+
+CATALOGUE: dict[str, Gear] = {
+    "CSG-17-100": Gear(
+        ratio=100.0,
+        T1=3.9,
+        T2=12.0,
+        K1=1.0e4,
+        K2=1.4e4,
+        K3=1.6e4,
+        hysteresis_loss=2.9e-4,  # 1 arcmin
+        starting_torque=0.037,
+        # Its rating table could not be read, so the peak torques are open; its table 6 has the teeth jump at 200 N m.
+        source="Harmonic Drive LLC, CSF & CSG Series, Cup Type Component Sets & Housed Units: T1, T2 in tables 41 and 42; "
+        "K1 to K3, hysteresis loss and starting torque: the catalogue numbers behind the paper's Table I",
+    ),
+}
+
+
+def drive_laws(gear: Gear) -> tuple[float, float, float, float]:
+    """(K_f0 N m/rad, c_f 1/(N m), K_w0 N m/rad, c_w 1/(N m)) of flexspline and wave generator, from catalogue numbers alone.
+
+    The flexspline's stiffness K_f0 (1 + (c_f τ)²), (9) corrected, passes through K1 and K2 at the mid-torques T1/2 and
+    (T1 + T2)/2 of their regions, (28) corrected; the wave generator has (29) and (31).
+    """
+    low, middle = (gear.T1 / 2) ** 2, ((gear.T1 + gear.T2) / 2) ** 2
+    slope = (gear.K2 - gear.K1) / (middle - low)
+    K_f0 = gear.K1 - slope * low
+    c_f = sqrt(slope / K_f0)
+    K_w0 = 2 * gear.starting_torque / (gear.ratio * gear.hysteresis_loss)
+    c_w = 2 / (gear.hysteresis_loss * gear.ratio * K_w0)
+    return K_f0, c_f, K_w0, c_w

@@ -1,0 +1,116 @@
+"""The robot description as frozen data: what robot.toml says, complete and checked. `gen.robot` reads it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+
+class RobotError(Exception):
+    """A robot file that cannot be used: ``problems`` holds one sentence for each thing wrong."""
+
+    def __init__(self, problems: list[str]) -> None:
+        self.problems = problems
+        super().__init__("\n".join(problems))
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number with the relative standard deviation with which it is known."""
+
+    nominal: float
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive. Spring values are None where ``rigid``; ``torque_constant`` None: the input is motor torque."""
+
+    rigid: bool
+    ratio: Value
+    motor_inertia: Value
+    viscous_friction: Value
+    coulomb_friction: Value
+    friction_smoothing: Value  # rad/s at the motor, width of the smooth sign
+    torque_constant: Value | None
+    max_current: float | None
+    flexspline_stiffness: Value | None  # K_f0
+    flexspline_stiffening: Value | None  # c_f
+    wave_generator_stiffness: Value | None  # K_w0
+    wave_generator_stiffening: Value | None  # c_w
+    torsional_damping: Value | None
+    law_torque: Value | None  # N m at the joint; beyond it the spring law goes on along its tangent
+    hysteresis_loss: float | None  # ψ, rad, from the catalogue; None if unknown
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of a joint; None where the file states none."""
+
+    position: tuple[float, float] | None
+    speed: float | None
+    torque: float | None
+    motor_torque_rate: float | None
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Sensors of a joint; 0 where the file states none (exact)."""
+
+    motor_encoder_resolution: float
+    joint_encoder_resolution: float
+    current_noise: float
+    torque_noise: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint with its link. ``inertia`` is about the centre of mass (negative possible only where the file lumps)."""
+
+    kind: str  # "revolute" or "prismatic"
+    length: Value
+    mass: Value
+    center_of_mass: Value
+    inertia: Value
+    drive: Drive
+    limits: Limits
+    sensor: Sensor
+
+
+@dataclass(frozen=True)
+class StatedEffect:
+    """An effect that the robot file states, with every parameter filled in; joint 0 is the whole arm."""
+
+    name: str
+    joint: int
+    parameters: dict[str, Value]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot description, complete and within physical ranges."""
+
+    name: str
+    slug: str  # matches ^[a-z][a-z0-9_]{0,47}$; the only form of the name that reaches a path
+    gravity: tuple[Value, Value]
+    tolerance: float
+    step: float  # s, integration step the model is meant for
+    joints: tuple[Joint, ...]
+    effects: tuple[StatedEffect, ...]
+    source: Path
+
+
+def canonical(robot: Robot) -> dict[str, Any]:
+    """The whole description as JSON can hold it, for the manifest: everything but where the file lay."""
+    description = _plain(asdict(robot))
+    del description["source"]
+    return description
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return value

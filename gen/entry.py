@@ -1,0 +1,112 @@
+"""One value of robot.toml against its key: the value, or the sentence that says why not."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from gen.description import Value
+from gen.schema import Key, Kind, keys, span
+
+
+class Unfit(ValueError):
+    """A value that its key does not allow; the text says what was found, what is possible, what to do."""
+
+
+def read(key: Key, raw: Any, tolerance: float) -> Any:
+    """The value of ``key``: Value, a pair of Value or float, float, int, str or bool; ``tolerance`` is the file's.
+
+    Raises Unfit.
+    """
+    match key.kind:
+        case Kind.PARAMETER:
+            return _parameter(key, raw, tolerance)
+        case Kind.PARAMETERS:
+            first, second = _two(key, raw)
+            return _parameter(key, first, tolerance), _parameter(key, second, tolerance)
+        case Kind.NUMBER:
+            return _number(key, raw)
+        case Kind.RANGE:
+            low, high = (_number(key, end) for end in _two(key, raw))
+            if low >= high:
+                raise Unfit(f"found [{low:g}, {high:g}], possible is a low end below the high end; correct them")
+            return low, high
+        case Kind.WHOLE:
+            if isinstance(raw, bool) or not isinstance(raw, int) or raw not in key.range:
+                raise Unfit(f"found {shown(raw)}, possible is a whole number {span(key)}; correct it")
+            return raw
+        case Kind.FLAG:
+            if not isinstance(raw, bool):
+                raise Unfit(f"found {shown(raw)}, possible is true or false; write it without quotes")
+            return raw
+        case Kind.TEXT:
+            return _text(key, raw)
+
+
+def _parameter(key: Key, raw: Any, tolerance: float) -> Value:
+    if not isinstance(raw, dict):
+        return Value(_number(key, raw), 0.0 if key.exact else tolerance)
+    if set(raw) != {"value", "tolerance"}:
+        raise Unfit(f"found {shown(raw)}, possible is {{value, tolerance}} with both and nothing else; correct it")
+    return Value(_number(key, raw["value"]), _number(keys("")["tolerance"], raw["tolerance"]))
+
+
+def _number(key: Key, raw: Any) -> float:
+    if isinstance(raw, bool) or not isinstance(raw, int | float):
+        raise Unfit(f"found {shown(raw)}, possible is a number {span(key)}; write a number without quotes")
+    try:
+        number = float(raw)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number) or number not in key.range:
+        raise Unfit(f"found {shown(raw)}, possible is a number {span(key)}; correct it")
+    return number
+
+
+def _two(key: Key, raw: Any) -> list[Any]:
+    if not isinstance(raw, list) or len(raw) != 2:
+        raise Unfit(f"found {shown(raw)}, possible is a list of two numbers {span(key)}; write two in brackets")
+    return raw
+
+
+def _text(key: Key, raw: Any) -> str:
+    if not isinstance(raw, str):
+        raise Unfit(f"found {shown(raw)}, possible is text in quotes; correct it")
+    if key.choices and raw not in key.choices:
+        choices = " or ".join(json.dumps(choice) for choice in key.choices)
+        raise Unfit(f"found {shown(raw)}, possible is {choices}; choose one{nearest(raw, key.choices)}")
+    return raw
+
+
+def shown(value: Any) -> str:
+    """A value of the file as a sentence can hold it: one line, short."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _short(json.dumps(value))
+    if isinstance(value, dict):
+        return _short("a table with " + ", ".join(named(key) for key in value)) if value else "an empty table"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    if isinstance(value, int) and value.bit_length() > 64:  # printing it may be refused
+        return f"a whole number of {value.bit_length()} bits"
+    return _short(str(value))
+
+
+def named(key: str) -> str:
+    """A key of the file as a sentence can hold it."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]{1,48}", key) else _short(json.dumps(key))
+
+
+def nearest(word: str, possible: Iterable[str]) -> str:
+    """The most similar of ``possible`` as the end of a sentence; empty if none is."""
+    near = difflib.get_close_matches(word[:80], list(possible), n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 64 else f"{text[:61]}..."

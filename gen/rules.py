@@ -1,0 +1,181 @@
+"""The keys of robot.toml against each other: what one table of the file states, or the problems with it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from keyword import iskeyword
+from typing import Any
+
+from gen.catalogue import CATALOGUE
+from gen.description import StatedEffect, Value
+from gen.effect import Effect
+from gen.entry import shown
+from gen.reading import Reading, path
+from gen.schema import MAX_JOINTS, SUBTABLES, Key, Kind, Need, Range, keys
+
+Values = dict[str, Any]
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9 _.,()+-]{0,79}")
+C_WORDS = frozenset(
+    "asm auto bool break case char const continue default do double else enum extern float for goto if inline int long "
+    "main register restrict return short signed sizeof static struct switch typedef union unsigned void volatile "
+    "while".split()
+)
+
+
+def slug(name: str) -> str:
+    """The name as a path and a symbol can hold it: ^[a-z][a-z0-9_]{0,47}$."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower())[:48].rstrip("_")
+
+
+def top(table: Mapping[str, Any], reading: Reading) -> Values:
+    """The keys above the first [[joint]]; from here on plain numbers have the file's tolerance."""
+    values: Values = {}
+    if "tolerance" in table:
+        Reading("").value(
+            keys("")["tolerance"], table["tolerance"], "", values
+        )  # `table` below says what is wrong with it
+        reading.tolerance = values.get("tolerance", reading.tolerance)
+    values = reading.table(table, "", "")
+    name = values.get("name")
+    if name is not None and not NAME.fullmatch(name):
+        possible = "a letter, then letters, digits, spaces and _.,()+- up to 80 characters"
+        reading.add("name", f"found {shown(name)}, possible is {possible}; choose such a label")
+    elif name is not None and (slug(name) in C_WORDS or iskeyword(slug(name))):
+        reading.add("name", f"found {shown(name)}, possible is anything but a word of C or Python; add a word to it")
+    return values
+
+
+def joints(table: Mapping[str, Any], reading: Reading) -> list[dict[str, Values]]:
+    """What each [[joint]] states, base first: its own keys under "joint", and "drive", "limits", "sensor"."""
+    raw = table.get("joint", [])
+    if not isinstance(raw, list):
+        reading.add("joint", f"found {shown(raw)}, possible are tables; write [[joint]] in two brackets for each joint")
+        return []
+    if not 1 <= len(raw) <= MAX_JOINTS:
+        reading.add("joint", f"found {len(raw)} joints, possible are 1 to {MAX_JOINTS}; write one [[joint]] for each")
+    return [_joint(one, f"joint[{number}]", reading) for number, one in enumerate(raw[:MAX_JOINTS], 1)]
+
+
+def _joint(raw: Any, place: str, reading: Reading) -> dict[str, Values]:
+    values = {"joint": reading.table(raw, "joint", place)}
+    if not isinstance(raw, Mapping):
+        return values | {name: {} for name in SUBTABLES["joint"]}
+    _link(raw, values["joint"], place, reading)
+    for name in SUBTABLES["joint"]:
+        values[name] = reading.table(raw.get(name, {}), f"joint.{name}", f"{place}.{name}")
+    drive = raw.get("drive", {})
+    if isinstance(drive, Mapping):
+        _needs(drive, values["drive"], f"{place}.drive", reading)
+        _drive(values["drive"], f"{place}.drive", reading)
+    return values
+
+
+def _link(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) -> None:
+    prismatic = values.get("type") == "prismatic"
+    if prismatic and "length" in values and values["length"].nominal != 0:
+        found = f"found {values['length'].nominal:g}"
+        reading.add(
+            path(place, "length"), f"{found}, possible is 0 at a prismatic joint; remove it or use a further joint"
+        )
+    if not prismatic and "length" not in raw:
+        reading.missing(keys("joint")["length"], place)
+    lumped = "inertia_about_joint" in raw
+    if lumped and "inertia" in raw:
+        reading.add(path(place, "inertia_about_joint"), "found beside inertia, possible is one of the two; remove one")
+    elif lumped and prismatic:
+        possible = "possible is inertia, as a prismatic joint has no axis"
+        reading.add(path(place, "inertia_about_joint"), f"found at a prismatic joint, {possible}; write inertia")
+    elif not lumped and "inertia" not in raw:
+        reading.missing(keys("joint")["inertia"], place)
+
+
+def _needs(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) -> None:
+    """Holds the drive's keys against `Need`; where rigid itself is wrong, nothing that depends on it is said."""
+    rigid, geared = values.get("rigid"), "catalogue" in raw
+    for name, key in keys("joint.drive").items():
+        given = name in raw
+        if rigid is None or key.need in (Need.YES, Need.NO):
+            continue
+        if rigid and given and key.need in (Need.SPRING, Need.FLEXIBLE):
+            reading.add(path(place, name), "found with rigid = true, possible only in a drive with springs; remove one")
+        elif geared and given and key.need is Need.SPRING:
+            reading.add(path(place, name), "found beside catalogue, possible is one of the two; remove one")
+        elif not given and not geared and (key.need is Need.GEARED or (key.need is Need.SPRING and not rigid)):
+            reading.missing(key, place)
+
+
+def _drive(values: Values, place: str, reading: Reading) -> None:
+    gear = CATALOGUE.get(values.get("catalogue", ""))
+    if gear and "ratio" in values and values["ratio"].nominal != gear.ratio:
+        found = f"found {values['ratio'].nominal:g} beside catalogue = {shown(values['catalogue'])}"
+        reading.add(path(place, "ratio"), f"{found}, possible is {gear.ratio:g}; correct or remove one")
+    if values.get("rigid") is False and "motor_inertia" in values and values["motor_inertia"].nominal == 0:
+        possible = "possible is a number above 0 in a drive with springs"
+        reading.add(path(place, "motor_inertia"), f"found 0, {possible}; correct it or write rigid = true")
+
+
+# -- effects ----------------------------------------------------------------------------------------------------------
+
+
+def effects(
+    table: Mapping[str, Any], drives: list[Values], known: tuple[Effect, ...] | None, reading: Reading
+) -> list[StatedEffect]:
+    """The effects that [[effect]] states; ``known`` are those there are, None for all of `gen.effects`."""
+    raw = table.get("effect", [])
+    if not isinstance(raw, list):
+        reading.add("effect", f"found {shown(raw)}, possible are tables; write [[effect]] in two brackets for each one")
+        return []
+    if raw and known is None:
+        from gen.effects import ALL  # here, for it brings casadi
+
+        known = ALL
+    by_name = {effect.name: effect for effect in known or ()}
+    found = [_effect(one, f"effect[{number}]", drives, by_name, reading) for number, one in enumerate(raw, 1)]
+    first: dict[tuple[str, int], int] = {}
+    for number, stated in enumerate(found, 1):
+        if stated and first.setdefault((stated.name, stated.joint), number) != number:
+            twice = f"found {stated.name} at joint {stated.joint} again, possible is once"
+            reading.add(f"effect[{number}]", f"{twice}; remove it or effect[{first[stated.name, stated.joint]}]")
+    return [stated for stated in found if stated]
+
+
+def _effect(
+    raw: Any, place: str, drives: list[Values], known: Mapping[str, Effect], reading: Reading
+) -> StatedEffect | None:
+    if not isinstance(raw, Mapping):
+        reading.add(place, f"found {shown(raw)}, possible is a table; write [[effect]] and its keys below")
+        return None
+    values = reading.table({name: raw[name] for name in ("name", "joint") if name in raw}, "effect", place)
+    effect = known.get(values.get("name", ""))
+    if effect is None:
+        if "name" in values:
+            hint = reading.hint(values["name"], known)
+            possible = f"possible are {', '.join(known) or 'none'}"
+            reading.add(path(place, "name"), f"found {shown(values['name'])}, {possible}; choose one of them{hint}")
+        return None
+    if "joint" in values:
+        _where(effect, values["joint"], place, drives, reading)
+    named = {
+        p.name: Key("effect", p.name, Kind.PARAMETER, Need.NO, p.unit, Range(p.low, p.high), p.meaning, p.nominal)
+        for p in effect.parameters
+    }
+    parameters: dict[str, Value] = {}
+    for name, key in named.items():
+        reading.value(key, raw.get(name, key.default), place, parameters)
+    for name in raw:
+        if name not in named and name not in ("name", "joint"):
+            reading.unknown(name, place, ("name", "joint", *named))
+    return StatedEffect(effect.name, values["joint"], parameters) if "joint" in values else None
+
+
+def _where(effect: Effect, joint: int, place: str, drives: list[Values], reading: Reading) -> None:
+    n = len(drives)
+    fits = {"arm": range(0, 1), "last": range(n, n + 1)}.get(effect.joints, range(1, n + 1))
+    if joint not in fits:
+        possible = f"{fits[0]}" if len(fits) == 1 else f"{fits[0]} to {fits[-1]}" if fits else "none"
+        words = {"arm": " (the arm as a whole)", "last": " (the last joint)"}.get(effect.joints, "")
+        reading.add(path(place, "joint"), f"found {joint}, possible for {effect.name} is {possible}{words}; correct it")
+    elif joint and not effect.rigid and drives[joint - 1].get("rigid"):
+        has = f"found {joint}, whose drive is rigid, possible for {effect.name} is a joint whose drive has springs"
+        reading.add(path(place, "joint"), f"{has}; remove the effect or rigid = true")

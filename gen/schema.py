@@ -1,0 +1,230 @@
+"""The keys of robot.toml in one table, from which the checks (`gen.entry`, `gen.robot`) and docs/robot.md are made.
+
+`python -m gen.schema` prints docs/robot.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from gen.catalogue import CATALOGUE
+from gen.presets import presets
+
+MAX_JOINTS = 6
+SUBTABLES = {"": ("joint", "effect"), "joint": ("drive", "limits", "sensor")}
+TITLES = {
+    "": "top of the file",
+    "joint": "[[joint]]",
+    "joint.drive": "[joint.drive]",
+    "joint.limits": "[joint.limits]",
+    "joint.sensor": "[joint.sensor]",
+    "effect": "[[effect]]",
+}
+
+
+class Kind(Enum):
+    """How a value is written."""
+
+    PARAMETER = "number or {value, tolerance}"
+    PARAMETERS = "list of two: number or {value, tolerance}"
+    NUMBER = "number"
+    RANGE = "[low, high]"
+    WHOLE = "whole number"
+    TEXT = "text"
+    FLAG = "true or false"
+
+
+class Need(Enum):
+    """When a key must or must not be there."""
+
+    YES = "yes"
+    NO = "no"
+    REVOLUTE = "yes; at a prismatic joint no, it is 0"
+    EITHER = "one of inertia and inertia_about_joint"
+    GEARED = "yes, unless catalogue is given"
+    SPRING = "yes; refused with catalogue and with rigid = true"
+    FLEXIBLE = "no; refused with rigid = true"
+
+
+@dataclass(frozen=True)
+class Range:
+    """Physical range of a number; ``above``: low itself is outside."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+
+    def __contains__(self, number: float) -> bool:
+        return self.low <= number <= self.high and not (self.above and number == self.low)
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key: its table, how it is written, when it is needed, unit, range, meaning and default."""
+
+    table: str
+    name: str
+    kind: Kind
+    need: Need
+    unit: str
+    range: Range
+    meaning: str
+    default: Any = None
+    otherwise: str = ""  # the default in words, where it is worked out
+    exact: bool = False  # a parameter with tolerance 0 unless the file states one
+    width: float = 0.0  # of a parameter whose nominal is 0: how far its bounds lie from 0
+    sliding: str = ""  # the unit at a prismatic joint, where it differs
+    choices: tuple[str, ...] = ()
+
+
+def above(low: float, high: float) -> Range:
+    """A range without its low end."""
+    return Range(low, high, above=True)
+
+
+ANY = Range()
+YES, NO, EITHER, SPRING, FLEXIBLE = Need.YES, Need.NO, Need.EITHER, Need.SPRING, Need.FLEXIBLE
+PARAMETER, NUMBER, TEXT = Kind.PARAMETER, Kind.NUMBER, Kind.TEXT
+DRIVE, LIMITS, SENSOR = "joint.drive", "joint.limits", "joint.sensor"
+GEAR = "the catalogue's"
+LAW_SHARPNESS = 12.0  # c_f · law_torque where nothing else is stated
+
+# One row a key.
+# fmt: off
+TABLE: tuple[Key, ...] = (
+    Key("", "name", TEXT, YES, "", ANY,
+        "label: a letter, then letters, digits, spaces and `_.,()+-`; 80 characters at most, no word of C or Python"),
+    Key("", "gravity", Kind.PARAMETERS, YES, "m/s²", Range(-100, 100),
+        "gravity in the plane of motion; base frame: x right, y up, q = 0 along x", exact=True, width=10.0),
+    Key("", "tolerance", NUMBER, NO, "1", Range(0, 10), "relative standard deviation of the parameters", 0.05),
+    Key("", "step", NUMBER, NO, "s", above(0, 0.1), "integration step the model is meant for", 0.0005),
+
+    Key("joint", "type", TEXT, NO, "", ANY,
+        "a prismatic joint slides along its own x", "revolute", choices=("revolute", "prismatic")),
+    Key("joint", "length", PARAMETER, Need.REVOLUTE, "m", Range(0, 10),
+        "distance to the next joint or the tip", 0.0, exact=True, width=0.1),
+    Key("joint", "mass", PARAMETER, YES, "kg", Range(0, 1e4), "mass of the link", width=1.0),
+    Key("joint", "center_of_mass", PARAMETER, YES, "m", Range(-10, 10),
+        "centre of mass of the link, from the joint's axis along the link; negative behind the axis", width=0.1),
+    Key("joint", "inertia", PARAMETER, EITHER, "kg m²", Range(0, 1e4),
+        "inertia of the link about its centre of mass", width=0.1),
+    Key("joint", "inertia_about_joint", PARAMETER, EITHER, "kg m²", Range(0, 1e4),
+        "inertia of the link about its joint's axis, lumped: inertia, which is this less mass·center_of_mass², may "
+        "then be negative and only the whole mass matrix must be positive definite; not at a prismatic joint"),
+
+    Key(DRIVE, "rigid", Kind.FLAG, NO, "", ANY, "no springs: motor angle = ratio · joint position", False),
+    Key(DRIVE, "catalogue", TEXT, FLEXIBLE, "", ANY,
+        "gear that gives ratio, the four spring values and hysteresis_loss", otherwise="none",
+        choices=tuple(CATALOGUE)),
+    Key(DRIVE, "ratio", PARAMETER, Need.GEARED, "1", above(0, 1e5),
+        "motor angle over joint position; both counted positive alike", otherwise=GEAR, exact=True, sliding="rad/m"),
+    Key(DRIVE, "motor_inertia", PARAMETER, YES, "kg m²", Range(0, 10),
+        "J_m: rotor and wave generator; 0 for a rigid drive only", width=1e-3),
+    Key(DRIVE, "torque_constant", PARAMETER, NO, "N m/A", above(0, 100),
+        "k_t; without it the input is motor torque", otherwise="none"),
+    Key(DRIVE, "max_current", NUMBER, NO, "A", above(0, 1e4),
+        "largest current; counts where torque_constant is given", otherwise="none"),
+    Key(DRIVE, "viscous_friction", PARAMETER, YES, "N m s/rad", Range(0, 1e6),
+        "viscous friction at the motor", width=1.0),
+    Key(DRIVE, "coulomb_friction", PARAMETER, YES, "N m", Range(0, 1e5),
+        "level of Coulomb friction at the motor", width=1.0),
+    Key(DRIVE, "friction_smoothing", PARAMETER, NO, "rad/s", above(0, 1e4),
+        "motor speed over which smooth friction changes its sign", otherwise="0.01 · ratio", exact=True),
+    Key(DRIVE, "flexspline_stiffness", PARAMETER, SPRING, "N m/rad", above(0, 1e10),
+        "K_f0, stiffness of the flexspline at zero torque", otherwise=GEAR, sliding="N/m"),
+    Key(DRIVE, "flexspline_stiffening", PARAMETER, SPRING, "1/(N m)", Range(1e-6, 100),
+        "c_f, stiffening of the flexspline; 1e-6 is as good as linear", otherwise=GEAR, sliding="1/N"),
+    Key(DRIVE, "wave_generator_stiffness", PARAMETER, SPRING, "N m/rad", above(0, 1e10),
+        "K_w0, stiffness of the wave generator at zero torque, at the motor", otherwise=GEAR),
+    Key(DRIVE, "wave_generator_stiffening", PARAMETER, SPRING, "1/(N m)", Range(1e-3, 1e5),
+        "c_w, stiffening of the wave generator, at the motor", otherwise=GEAR),
+    Key(DRIVE, "torsional_damping", PARAMETER, FLEXIBLE, "N m s/rad", Range(0, 1e7),
+        "damping beside the springs, at the joint", 0.0, width=10.0, sliding="N s/m"),
+    Key(DRIVE, "law_torque", PARAMETER, FLEXIBLE, "N m", above(0, 1e8),
+        "joint torque from which the spring law goes on along its tangent",
+        otherwise="the catalogue's momentary peak torque; where none is stated 12/c_f, at which tan() in the "
+        "flexspline's law is 12", exact=True, sliding="N"),
+    Key(DRIVE, "hysteresis_loss", NUMBER, FLEXIBLE, "rad", Range(0, 0.1),
+        "ψ, width of the torque–torsion loop at the joint", otherwise=f"{GEAR}, else unknown", sliding="m"),
+
+    Key(LIMITS, "position", Kind.RANGE, NO, "rad", Range(-1e4, 1e4), "joint position", otherwise="none", sliding="m"),
+    Key(LIMITS, "speed", NUMBER, NO, "rad/s", above(0, 1e4), "joint speed", otherwise="none", sliding="m/s"),
+    Key(LIMITS, "torque", NUMBER, NO, "N m", above(0, 1e6),
+        "joint torque (flexspline)", otherwise="the catalogue's repeated peak torque, else none", sliding="N"),
+    Key(LIMITS, "motor_torque_rate", NUMBER, NO, "N m/s", above(0, 1e9), "change of motor torque", otherwise="none"),
+
+    Key(SENSOR, "motor_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0),
+    Key(SENSOR, "joint_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0, sliding="m"),
+    Key(SENSOR, "current_noise", NUMBER, NO, "A", Range(0, 1e3),
+        "standard deviation (N m where the input is torque)", 0.0),
+    Key(SENSOR, "torque_noise", NUMBER, NO, "N m", Range(0, 1e5), "standard deviation", 0.0, sliding="N"),
+
+    Key("effect", "name", TEXT, YES, "", ANY, "an effect that is in the model; its own parameters are further keys"),
+    Key("effect", "joint", Kind.WHOLE, YES, "", Range(0, MAX_JOINTS), "joint number from 1; 0 for the arm as a whole"),
+)
+# fmt: on
+
+
+def keys(table: str) -> dict[str, Key]:
+    """The keys of one table by name, in the order of `TABLE`."""
+    return {key.name: key for key in TABLE if key.table == table}
+
+
+def unit(key: Key, kind: str) -> str:
+    """The unit of a key at a joint of that kind."""
+    return key.sliding if key.sliding and kind == "prismatic" else key.unit
+
+
+def span(key: Key) -> str:
+    """The range of a key in words, with its unit."""
+    units = f"{key.unit} ({key.sliding} at a prismatic joint)" if key.sliding else key.unit
+    bounds = f"{'above' if key.range.above else 'from'} {key.range.low:g} to {key.range.high:g}"
+    return bounds if units in ("", "1") else f"{bounds} {units}"
+
+
+INTRODUCTION = """# robot.toml
+
+Made from the table in `gen/schema.py` by `python -m gen.schema`.
+
+SI units, angles in rad. The `[[joint]]` tables stand base first, {joints} at most, and are numbered from 1;
+`[joint.drive]`, `[joint.limits]` and `[joint.sensor]` belong to the `[[joint]]` above them. Units at a prismatic
+joint stand in parentheses. A number marked ± may be written `{{value = 1.6, tolerance = 0.1}}`; written plainly it
+has the file's tolerance, or 0 where the mark is (±). Unknown keys, missing keys, wrong types and values out of
+range are refused, all at once. A file that is not TOML in UTF-8 or is larger than 1 MB is refused as a whole.
+
+`gen.robot.load` takes such a file or the name of a preset: {presets}.
+
+Gears in the catalogue: {gears}.
+"""
+
+
+def document() -> str:
+    """docs/robot.md: the table of keys as Markdown."""
+    quoted = (", ".join(f"`{name}`" for name in names) for names in (presets(), CATALOGUE))
+    parts = [INTRODUCTION.format(joints=MAX_JOINTS, presets=next(quoted), gears=next(quoted))]
+    for table, title in TITLES.items():
+        parts.append(f"\n## {f'`{title}`' if table else title}\n")
+        parts.append(
+            "| key | written as | unit | range | required | default | meaning |\n|---|---|---|---|---|---|---|"
+        )
+        parts += [_row(key) for key in keys(table).values()]
+    return "\n".join(parts) + "\n"
+
+
+def _row(key: Key) -> str:
+    mark = {Kind.PARAMETER: "number", Kind.PARAMETERS: "[number, number]"}
+    written = f"{mark[key.kind]} {'(±)' if key.exact else '±'}" if key.kind in mark else key.kind.value
+    units = f"{key.unit} ({key.sliding})" if key.sliding else key.unit
+    bounds = f"{'above ' if key.range.above else ''}{key.range.low:g} … {key.range.high:g}" if key.range != ANY else ""
+    default = key.otherwise or ("" if key.default is None else f"{key.default}".lower())
+    choices = " or ".join(f"`{choice}`" for choice in key.choices)
+    return (
+        f"| `{key.name}` | {written} | {units} | {choices or bounds} | {key.need.value} | {default} | {key.meaning} |"
+    )
+
+
+if __name__ == "__main__":
+    print(document(), end="")
