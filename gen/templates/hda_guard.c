@@ -123,7 +123,7 @@ static finding observe(hda_guard *g, double now, const hda_measurement *m, const
     finding found = {check_time(g, now, m->stamp), 0};
     memcpy(measured, m, sizeof measured);
     int32_t wrong = hda_not_finite(measured, MEASURED);
-    if (found.code == HDA_FAULT_STAMP_BACKWARD) g->trust = HDA_SAFE_ZERO;
+    if (g->known && m->stamp < g->measured.stamp) g->trust = HDA_SAFE_ZERO;
     if (hda_not_finite(m->motor_velocity, HDA_N) == 0) {
         g->level = HDA_SAFE_DAMPING;
         memcpy(g->velocity, m->motor_velocity, sizeof g->velocity);
@@ -255,10 +255,10 @@ static void safe_torque(hda_guard *g, int level, const double *step, double *out
     }
     approach(g, g->target, step, out);
     (void)keep_force(g, step, out); /* already refused: out is as near to the force limit as the rate allows */
-    if (g->elapsed > 0.0 && g->safe_ticks < INT32_MAX) g->safe_ticks++;
+    if (g->elapsed >= c->period_min && g->safe_ticks < INT32_MAX) g->safe_ticks++;
 }
 
-/* The last assertion, and out. It fails only where the context was overwritten: no limit is known then, zero is sent. */
+/* The last assertion, and out. It fails only where the context was overwritten: no limit is known, so zero is sent. */
 static int send(hda_guard *g, const double *step, const double *out, double time, int status, double *torque)
 {
     int legal = 1;
