@@ -8,16 +8,19 @@ The law saturates: its inverse exists below π/(2 c_f K_f0) + 1/(c_w N K_w0) onl
 
 The inverse. With ψ = c_f K_f0 φ_f the flexspline's angle, t = tan ψ = c_f τ, y = c_f K_f0 |φ|,
 
-    ψ + A (1 − exp(−B t)) = y,      A = c_f K_f0/(c_w N K_w0),   B = c_w/(N c_f),
+    ψ + A (1 − exp(−B t)) = y,      A = c_f K_f0/(c_w N K_w0),   B = c_w/(N c_f).
 
-which is solved from the larger of two lower bounds by a fixed number of Householder steps of order four. The number is chosen when
-the model is built, so that the error stays below 1e-12 rad wherever the springs may lie (`iterations`).
+t has a pole at y = π/2 + A that the law never reaches, so t (π/2 + A − y)/y is a tame function of y, and its polynomial through
+Chebyshev's points is the inverse. `prepare` makes its coefficients from the parameters, solving the equation at the points; a
+step of the arm then costs one polynomial. Degree and corrections are chosen when the model is built, so that the error stays
+below 1e-12 rad for springs anywhere within `SPREAD` of the nominal (`plan`); a law too sharp for the polynomial alone is corrected by
+Householder's iteration of order four.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +30,18 @@ import numpy as np
 from gen.robot import Drive
 
 ERROR = 1e-12  # rad, of the inverse
-SPREAD = 1.5  # factor about the nominal springs over which the inverse keeps it
-MOST = 6
+SPREAD = 1.25  # factor about the nominal springs, each either way, over which the inverse keeps it
+DEGREES = (16, 20, 24, 28, 32)
+NODE_STEPS = 4  # corrections at a node of the polynomial, from afar
+MOST_CORRECTIONS = 4
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How the inverse is computed: degree of the polynomial, and corrections after it."""
+
+    degree: int
+    corrections: int
 
 
 @dataclass(frozen=True)
@@ -51,18 +64,10 @@ def springs(p: Mapping[str, Any]) -> Springs:
     soft = p["wave_generator_stiffening"] * p["ratio"] * p["wave_generator_stiffness"]
     A, B = scale / soft, p["wave_generator_stiffening"] / (p["ratio"] * c_f)
     last = c_f * p["law_torque"]
-    faded = np.exp(-B * last) if isinstance(last, float) else ca.exp(-B * last)
-    angle = np.arctan(last) if isinstance(last, float) else ca.atan(last)
-    return Springs(
-        scale,
-        c_f,
-        A,
-        B,
-        p["law_torque"],
-        angle,
-        (angle + A * (1 - faded)) / scale,
-        scale / (c_f * (1 / (1 + last * last) + A * B * faded)),
-    )
+    faded, angle = ca.exp(-B * last), ca.atan(last)
+    torsion_there = (angle + A * (1 - faded)) / scale
+    stiffness_there = scale / (c_f * (1 / (1 + last * last) + A * B * faded))
+    return Springs(scale, c_f, A, B, p["law_torque"], angle, torsion_there, stiffness_there)
 
 
 def torsion(tau: Any, k: Springs) -> Any:
@@ -79,22 +84,54 @@ def compliance(tau: Any, k: Springs) -> Any:
     return k.c_f * (1 / (1 + t * t) + k.A * k.B * ca.exp(-k.B * t)) / k.scale
 
 
-def spring_torque(phi: Any, k: Springs, steps: int) -> Any:
+def _far(y: Any, k: Springs) -> Any:
+    """t at y from the larger of two lower bounds, by `NODE_STEPS` corrections."""
+    psi = ca.fmin(ca.fmax(y / (1 + k.A * k.B), y - k.A), k.law_psi)
+    for _ in range(NODE_STEPS):
+        psi = psi + householder(y, psi, ca.tan(psi), k.A, k.B)
+    return ca.tan(psi)
+
+
+def inverse(k: Springs, degree: int) -> Any:
+    """Coefficients (degree + 1) of the polynomial for t (π/2 + A − y)/y over 2 y/y_law − 1, lowest first."""
+    count = degree + 1
+    nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    last = k.scale * k.law_torsion
+    values = []
+    for node in nodes:
+        y = last * (0.5 * (node + 1.0))
+        values.append(_far(y, k) * (np.pi / 2 + k.A - y) / y)
+    rows = 2.0 / count * np.polynomial.chebyshev.chebvander(nodes, degree).T
+    rows[0] /= 2.0
+    monomials = np.zeros((count, count))  # column m: Chebyshev's polynomial m in powers
+    for m in range(count):
+        monomials[: m + 1, m] = np.polynomial.chebyshev.cheb2poly(np.eye(count)[m])[: m + 1]
+    # in two steps: Chebyshev's coefficients decay, and only so do the large integers of their powers do no harm
+    return ca.sparsify(ca.DM(monomials)) @ (ca.DM(rows) @ ca.vertcat(*values))
+
+
+def polynomial(coefficients: Any, x: Any) -> Any:
+    """Σ a_k x^k by Estrin's scheme: the depth is that of a tree, which is what a processor waits for."""
+    terms = [coefficients[k] for k in range(coefficients.numel())]
+    power = x
+    while len(terms) > 1:
+        pairs = [terms[k] + power * terms[k + 1] for k in range(0, len(terms) - 1, 2)]
+        terms = pairs + ([terms[-1]] if len(terms) % 2 else [])
+        power = power * power
+    return terms[0]
+
+
+def spring_torque(phi: Any, k: Springs, coefficients: Any, plan: Plan) -> Any:
     """τ(φ), N m: the inverse of `torsion` within `ERROR`."""
     size = ca.fabs(phi)
     inside = ca.fmin(size, k.law_torsion)
     y = k.scale * inside
-    psi = ca.fmin(ca.fmax(y / (1 + k.A * k.B), y - k.A), k.law_psi)
-    t = ca.tan(psi)
-    for step in range(steps):
-        d = householder(y, psi, t, k.A, k.B)
-        if step < steps - 1:
-            psi = psi + d
-            t = ca.tan(psi)
-        else:  # the last correction is tiny: tan(ψ + d) by the addition theorem, tan d by its series
-            u = d + d * d * d / 3
-            t = (t + u) / (1 - t * u)
-    return ca.sign(phi) * (t / k.c_f + k.law_stiffness * (size - inside))
+    t = y * polynomial(coefficients, inside * (2 / k.law_torsion) - 1) / ((np.pi / 2 + k.A) - y)
+    for _ in range(plan.corrections):
+        d = householder(y, ca.atan(t), t, k.A, k.B)
+        u = d + d * d * d / 3
+        t = (t + u) / (1 - t * u)  # tan(ψ + d)
+    return ca.sign(phi) * (t * (1 / k.c_f) + k.law_stiffness * (size - inside))
 
 
 def householder(y: Any, psi: Any, t: Any, A: Any, B: Any) -> Any:
@@ -121,26 +158,35 @@ def energy(tau: Any, k: Springs) -> Any:
     return flexspline + wave_generator + (size + inside) * beyond / 2
 
 
-def iterations(drive: Drive) -> int:
-    """Householder steps that keep `spring_torque` within `ERROR` for springs within `SPREAD` of the nominal, each either way."""
+def plan(drives: Sequence[Drive]) -> Plan:
+    """The cheapest way that keeps `spring_torque` within `ERROR` for springs within `SPREAD` of each drive's nominal ones.
+
+    Raises ValueError where the stiffening is too sharp for every way.
+    """
+    for degree, corrections in [*((d, 0) for d in DEGREES), *((DEGREES[0], c) for c in range(1, MOST_CORRECTIONS + 1))]:
+        chosen = Plan(degree, corrections)
+        if all(_error(drive, chosen) <= ERROR for drive in drives):
+            return chosen
+    raise ValueError(f"the spring law cannot be inverted to {ERROR:g} rad: its stiffening is too sharp for law_torque; lower law_torque")
+
+
+def _error(drive: Drive, chosen: Plan) -> float:
+    """Largest error of the inverse, rad, over the corners of the springs' spread."""
     keys = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
-    tau, c = ca.SX.sym("tau"), ca.SX.sym("c", 8)
-    law = Springs(*(c[i] for i in range(8)))
-    for steps in range(1, MOST + 1):
-        error = ca.Function(
-            "error", [tau, c], [torsion(spring_torque(torsion(tau, law), law, steps), law) - torsion(tau, law)]
-        )
-        worst = 0.0
-        for factors in itertools.product((1 / SPREAD, 1.0, SPREAD), repeat=4):
-            p = {key: getattr(drive, key).nominal * f for key, f in zip(keys, factors, strict=True)}
-            p |= {"ratio": float(abs(drive.ratio.nominal)), "law_torque": float(drive.law_torque.nominal)}  # type: ignore[union-attr]
-            k = springs(p)
-            numbers = [k.scale, k.c_f, k.A, k.B, k.law_torque, k.law_psi, k.law_torsion, k.law_stiffness]
-            grid = np.concatenate([[0.0], np.geomspace(1e-4, 1.5, 150)]) * p["law_torque"]
-            found = np.abs(np.array(error(grid.reshape(1, -1), ca.DM(numbers)))).max()
-            worst = max(worst, float(found)) if np.isfinite(found) else np.inf
-        if worst <= ERROR:
-            return steps
-    raise ValueError(
-        f"the spring law cannot be inverted to {ERROR:g} rad within {MOST} steps: its stiffening is too sharp for law_torque"
-    )
+    p = {key: ca.SX.sym(key) for key in (*keys, "ratio", "law_torque")}
+    tau, law, coefficients = ca.SX.sym("tau"), springs(p), ca.SX.sym("a", chosen.degree + 1)
+    phi = torsion(tau, law)
+    found = torsion(spring_torque(phi, law, coefficients, chosen), law)
+    make = ca.Function("make", list(p.values()), [inverse(law, chosen.degree)])
+    error = ca.Function("error", [tau, coefficients, *p.values()], [ca.fabs(found - phi)])
+    fixed = [abs(drive.ratio.nominal), drive.law_torque.nominal]  # type: ignore[union-attr]
+    grid = np.concatenate([np.geomspace(1e-6, 1e-2, 20), np.linspace(1e-2, 1.5, 130)]) * fixed[1]
+    worst = 0.0
+    corners = itertools.product((1.0, SPREAD, 1 / SPREAD), repeat=4)  # the nominal springs first
+    for factors in corners:
+        values = [getattr(drive, key).nominal * factor for key, factor in zip(keys, factors, strict=True)]
+        errors = np.array(error(grid.reshape(1, -1), make(*values, *fixed), *values, *fixed))
+        worst = max(worst, float(errors.max()) if np.isfinite(errors).all() else np.inf)
+        if worst > ERROR:
+            break
+    return worst

@@ -46,7 +46,7 @@ class Lane:
     """Joints whose drives are the same graph, evaluated side by side."""
 
     joints: tuple[int, ...]
-    width: int  # of the vector: 1, 2, 4, 8
+    width: int  # of the vector: 2, 4, 8
     states: tuple[tuple[int, ...], ...]  # for each state that the graph reads: its index in x for each joint
     smooth: ca.Function  # (state entries…, input, constants) -> (acceleration or net torque, joint torque, sine, cosine, rates…)
     exact: ca.Function  # (…, direction) -> (level, net, acceleration, joint torque, sine, cosine, rates…)
@@ -94,10 +94,13 @@ def _cumulative(sizes: list[int]) -> list[int]:
 
 
 class Constants:
-    """Grows c: parameters first, then constants of the lanes, then those of whatever else is hoisted."""
+    """Grows c: parameters first, then the springs' inverses, the constants of the lanes, and those of whatever else is hoisted."""
 
-    def __init__(self, p: Any) -> None:
-        self.p, self.symbols, self.definitions = p, [p], [p]
+    def __init__(self, model: Model) -> None:
+        self.symbols, self.definitions = [model.p], [model.p]
+        self.derived = model.derived()
+        self.add(*self.derived)
+        self.fixed = ca.vertcat(*self.symbols)  # what hoisted expressions may depend on
 
     def add(self, symbols: Any, definitions: Any) -> None:
         """Append symbols with their definitions in p."""
@@ -106,7 +109,7 @@ class Constants:
 
     def hoist(self, expressions: list[Any]) -> list[Any]:
         """The expressions over c."""
-        changed, symbols, definitions = hoist(expressions, self.p)
+        changed, symbols, definitions = hoist(expressions, self.fixed)
         renamed = [SX.sym(f"e{sum(s.numel() for s in self.symbols) + k}") for k in range(len(symbols))]
         if symbols:
             changed = ca.substitute(changed, symbols, renamed)
@@ -118,10 +121,14 @@ class Constants:
         """All of c."""
         return ca.vertcat(*self.symbols)
 
+    def made(self) -> Any:
+        """All of c as functions of p alone."""
+        return ca.substitute(ca.vertcat(*self.definitions), *self.derived)
+
 
 def assemble(model: Model) -> Graphs:
     """Everything that is emitted for a model."""
-    constants = Constants(model.p)
+    constants = Constants(model)
     lanes = tuple(_lane(model, joints, constants) for joints in _groups(model))
     D = {j: _lane_symbols(model, lane, j) for lane in lanes for j in lane.joints}
     trig = _trig(model, D)
@@ -141,7 +148,7 @@ def assemble(model: Model) -> Graphs:
     rate = chain(model.x, model.u, smooth, c)
     exact_rate, hold, levels = exact_chain(model.x, model.u, sliding, exact, c)
     functions = [
-        Emitted(dense("prepare", {"p": model.p}, {"c": ca.vertcat(*constants.definitions)}), "constants from parameters"),
+        Emitted(dense("prepare", {"p": model.p}, {"c": constants.made()}), "constants from parameters"),
         Emitted(dense("rhs", xuc, {"rate": rate}), "rate of x, friction with the smooth sign"),
         Emitted(
             dense("rhs_exact", {"x": model.x, "u": model.u, "sliding": sliding, "c": c}, {"rate": exact_rate}),
@@ -189,7 +196,7 @@ def _outputs(model: Model, j: int, d: Drives) -> tuple[list[Any], list[Any]]:
 
 
 def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
-    width = next(w for w in (1, 2, 4, 8) if w >= len(joints))
+    width = next(w for w in (2, 4, 8) if w >= len(joints))
     first, index = joints[0], {s.name: k for k, s in enumerate(model.x_slots)}
     s = SX.sym("s")
     smooth, _ = _outputs(model, first, model.drive(first, model.of_joint(first)))
@@ -262,7 +269,7 @@ def _rate_jacobians(model: Model) -> list[Any]:
     drives = {j: model.drive(j, model.of_joint(j), spring_torque=spring.get(j)) for j in model.joints}
     rate, _ = model.motion(drives)
     law = {j: drive.springs(model.of_joint(j)) for j in model.flexible}
-    solved = [drive.spring_torque(drives[j].torsion, law[j], model.steps) for j in model.flexible]
+    solved = [drive.spring_torque(drives[j].torsion, law[j], model.inverse[j], model.plan) for j in model.flexible]
     out = []
     for w in (model.x, model.u, model.p):
         total = ca.jacobian(rate, w)

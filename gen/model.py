@@ -69,7 +69,7 @@ class Model:
         self.chain = Chain([joint.kind for joint in robot.joints])
         self.flexible = tuple(j for j in self.joints if not robot.joints[j - 1].drive.rigid)
         self.rigid = tuple(j for j in self.joints if robot.joints[j - 1].drive.rigid)
-        self.steps = max((drive.iterations(robot.joints[j - 1].drive) for j in self.flexible), default=0)
+        self.plan = drive.plan([robot.joints[j - 1].drive for j in self.flexible])
         self.memory = tuple((e, s, j) for e in effects for j in self.applies(e) for s in e.states)
         self.quantities = self._quantities()
         self.x_slots, self.u_slots = self._x_slots(), self._u_slots()
@@ -77,6 +77,7 @@ class Model:
         self.x = SX.sym("x", len(self.x_slots))
         self.u = SX.sym("u", len(self.u_slots))
         self.by_name = {q.name: self.p[k] for k, q in enumerate(self.quantities)}
+        self.inverse = {j: SX.sym(f"inverse_{j}", self.plan.degree + 1) for j in self.flexible}
 
     # -- what there is ----------------------------------------------------------------------------------------------
 
@@ -152,7 +153,13 @@ class Model:
 
     def of_joint(self, j: int) -> dict[str, Any]:
         """The parameters of joint j by the names that equations use, without the joint's number."""
-        return {q.name.removesuffix(f"_{j}"): self.p[k] for k, q in enumerate(self.quantities) if q.joint == j}
+        own = {q.name.removesuffix(f"_{j}"): self.p[k] for k, q in enumerate(self.quantities) if q.joint == j}
+        return own | ({"inverse": self.inverse[j]} if j in self.inverse else {})
+
+    def derived(self) -> tuple[Any, Any]:
+        """Symbols that stand for coefficients made from p alone (the springs' inverse), and what they are."""
+        made = [drive.inverse(drive.springs(self.of_joint(j)), self.plan.degree) for j in self.flexible]
+        return ca.vertcat(*self.inverse.values()), ca.vertcat(*made)
 
     def at(self, port: Port, j: int) -> list[Effect]:
         """The effects at a port of joint j (0: of the whole arm)."""
@@ -197,7 +204,7 @@ class Model:
             phi, phi_rate = theta * (1 / p["ratio"]) + error - q, gear * omega - v
             spring = spring_torque
             if spring is None:
-                spring = drive.spring_torque(phi, drive.springs(p), self.steps)
+                spring = drive.spring_torque(phi, drive.springs(p), p["inverse"], self.plan)
             tau = total(Port.TRANSMISSION, 0, torsion=phi, torsion_rate=phi_rate, spring_torque=spring, **motor)
         link = total(Port.LINK, 0 if rigid else tau, **joint, **motor)
         level = total(Port.FRICTION, 0, joint_torque=tau, **motor)

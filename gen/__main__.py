@@ -1,0 +1,88 @@
+"""Command line: build, list, check."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+EXAMPLES = """examples:
+  python -m gen build                          the preset `paper` into build/
+  python -m gen build my_arm.toml --profile native
+  python -m gen list
+  python -m gen check my_arm.toml"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit code: 0 done, 1 a robot that cannot be built, 2 usage, configuration or compiler."""
+    parser = argparse.ArgumentParser(
+        prog="python -m gen",
+        description="Generates and compiles robot arms.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check")
+    build = commands.add_parser("build", help="generate and compile a robot; prints the folder", epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
+    build.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
+    build.add_argument("--profile", choices=("portable", "native"), default="portable", help="portable: bit for bit the interpreter's; native: fastest on this processor")
+    build.add_argument("--out", type=Path, default=Path("build"), help="where the folder goes (default: build)")
+    build.add_argument("--effects", default="", help="effects to add to the model, separated by commas")
+    listed = commands.add_parser("list", help="what is built")
+    listed.add_argument("--out", type=Path, default=Path("build"))
+    check = commands.add_parser("check", help="validate a robot and say what would be built")
+    check.add_argument("robot", help="a preset or a robot.toml")
+    check.add_argument("--effects", default="", help="effects to add to the model, separated by commas")
+    options = parser.parse_args(arguments)
+    from gen.build import BuildError  # noqa: PLC0415
+    from gen.compile import CompileError  # noqa: PLC0415
+    from gen.robot import RobotError  # noqa: PLC0415
+
+    try:
+        return {"build": _build, "list": _list, "check": _check}[options.command](options)
+    except RobotError as error:
+        for problem in error.problems:
+            print(problem, file=sys.stderr)
+        return 2
+    except (BuildError, CompileError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted; nothing was left behind.", file=sys.stderr)
+        return 130
+
+
+def _effects(options: argparse.Namespace) -> tuple[str, ...]:
+    return tuple(sorted({name.strip() for name in options.effects.split(",") if name.strip()}))
+
+
+def _build(options: argparse.Namespace) -> int:
+    from gen.build import build  # noqa: PLC0415
+
+    folder, made = build(options.robot, options.profile, options.out, _effects(options))
+    print(f"{'built' if made else 'unchanged'} ({options.profile})", file=sys.stderr)
+    print(folder)
+    return 0
+
+
+def _list(options: argparse.Namespace) -> int:
+    from gen.build import listing  # noqa: PLC0415
+
+    rows = list(listing(options.out))
+    for name, what, whole in rows:
+        print(f"{name:44} {what}" if whole else f"{name:44} {what}; `python -m gen build` makes it again")
+    if not rows:
+        print(f"nothing is built in {options.out}; `python -m gen build` builds the preset `paper`.")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    from gen.check import report  # noqa: PLC0415
+
+    lines, fits = report(options.robot, _effects(options))
+    for line in lines:
+        print(line)
+    return 0 if fits else 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,128 @@
+"""C text from CasADi's instruction lists: single assignments, for scalars and for vectors. Pure: text in, text out.
+
+CasADi's own C printer is not used for the product: what is printed here has one plain signature, needs no work vectors and
+prints the same graph over vector types; the tests hold the two printings against each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+
+BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
+COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+CALLS = {
+    ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh",
+    ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FABS: "fabs", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_FMIN: "fmin",
+    ca.OP_FMAX: "fmax", ca.OP_ATAN2: "atan2", ca.OP_FMOD: "fmod", ca.OP_COPYSIGN: "copysign", ca.OP_LOG1P: "log1p",
+    ca.OP_EXPM1: "expm1", ca.OP_HYPOT: "hypot", ca.OP_ERF: "erf",
+}  # fmt: skip
+
+Place = Callable[[int, int], str]  # (argument, entry) -> C expression
+Operation = Callable[[int, str, str, str], str]  # (operation, result's name, operands) -> C statement
+PAIRS = {ca.OP_POW, ca.OP_CONSTPOW, ca.OP_FMIN, ca.OP_FMAX, ca.OP_ATAN2, ca.OP_FMOD, ca.OP_COPYSIGN, ca.OP_HYPOT}
+
+
+class EmitError(Exception):
+    """An operation that this printer does not know."""
+
+
+def number(value: float) -> str:
+    """A double as C text that reads back to the same bits."""
+    if value != value:
+        return "NAN"
+    if value in (float("inf"), float("-inf")):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    text = repr(float(value))
+    return text if any(mark in text for mark in ".en") else f"{text}.0"
+
+
+def scalar_operation(op: int, name: str, a: str, b: str) -> str:
+    """One operation over doubles, with the interpreter's meaning to the bit."""
+    if op in BINARY:
+        text = f"{a} {BINARY[op]} {b}"
+    elif op in COMPARE:
+        text = f"(double)({a} {COMPARE[op]} {b})"
+    elif op in CALLS:
+        text = f"{CALLS[op]}({a}, {b})" if op in PAIRS else f"{CALLS[op]}({a})"
+    else:
+        special = {
+            ca.OP_NEG: f"-{a}",
+            ca.OP_SQ: f"{a} * {a}",
+            ca.OP_TWICE: f"2.0 * {a}",
+            ca.OP_INV: f"1.0 / {a}",
+            ca.OP_NOT: f"(double)({a} == 0.0)",
+            ca.OP_AND: f"(double)({a} != 0.0 && {b} != 0.0)",
+            ca.OP_OR: f"(double)({a} != 0.0 || {b} != 0.0)",
+            ca.OP_IF_ELSE_ZERO: f"{a} != 0.0 ? {b} : 0.0",
+            ca.OP_SIGN: f"{a} < 0.0 ? -1.0 : {a} > 0.0 ? 1.0 : {a}",
+        }
+        if op not in special:
+            raise EmitError(f"no C for CasADi's operation number {op}")
+        text = special[op]
+    return f"const double {name} = {text};"
+
+
+def vector_operation(kind: str) -> Operation:
+    """Operations over the vector type ``kind`` of `hda_vector.h`; functions take pointers, so no vector crosses a call."""
+    called = {ca.OP_SIGN, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_EXP, ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_TANH}
+
+    def operation(op: int, name: str, a: str, b: str) -> str:
+        if op in called:
+            function = "sign" if op == ca.OP_SIGN else CALLS[op]
+            second = f"&{b}, " if op in PAIRS else ""
+            return f"{kind} {name}; {kind}_{function}(&{a}, {second}&{name});"
+        if op in COMPARE:
+            return f"const {kind} {name} = {kind.upper()}_ONE({a} {COMPARE[op]} {b});"
+        simple = {ca.OP_NEG: f"-{a}", ca.OP_SQ: f"{a} * {a}", ca.OP_TWICE: f"{a} + {a}", ca.OP_INV: f"1.0 / {a}"}
+        if op in BINARY:
+            simple[op] = f"{a} {BINARY[op]} {b}"
+        if op not in simple:
+            raise EmitError(f"no vector C for CasADi's operation number {op}")
+        return f"const {kind} {name} = {simple[op]};"
+
+    return operation
+
+
+def body(f: ca.Function, read: Place, write: Place, operation: Operation = scalar_operation, kind: str = "double") -> list[str]:
+    """The function's instructions as C statements; entries are read and written where the two places say."""
+    lines: list[str] = []
+    holds: dict[int, str] = {}  # work entry -> name of the assignment that it holds, or a number
+    for k in range(f.n_instructions()):
+        op, into, out = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        name = f"t{k}"
+        if op == ca.OP_OUTPUT:
+            lines.append(f"{write(out[0], out[1])} = {holds[into[0]]};")
+            continue
+        if op == ca.OP_CONST and kind == "double":
+            lines.append(f"const double {name} = {number(f.instruction_constant(k))};")
+        elif op == ca.OP_CONST:
+            lines.append(f"const {kind} {name} = {number(f.instruction_constant(k))} - ({kind}){{0}};")
+        elif op == ca.OP_INPUT:
+            lines.append(f"const {kind} {name} = {read(into[0], into[1])};")
+        else:
+            lines.append(operation(op, name, holds[into[0]], holds[into[1]] if len(into) > 1 else ""))
+        holds[out[0]] = name
+    return lines
+
+
+def signature(f: ca.Function, name: str) -> str:
+    """`void hda_<name>(const double *…, double *…)`."""
+    ins = [f"const double *{f.name_in(k)}" for k in range(f.n_in())]
+    outs = [f"double *{f.name_out(k)}" for k in range(f.n_out())]
+    return f"void hda_{name}({', '.join(ins + outs)})"
+
+
+def scalar_function(f: ca.Function, name: str) -> str:
+    """A whole function over doubles. Inputs may overlap outputs: everything is read before anything is written."""
+    lines = body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
+    computed = [line for line in lines if line.startswith("const ")]
+    stored = [line for line in lines if not line.startswith("const ")]
+    unused = [f"(void){f.name_in(k)};" for k in range(f.n_in()) if k not in _read(f)]
+    return f"{signature(f, name)} {{\n" + "".join(f"    {line}\n" for line in unused + computed + stored) + "}\n"
+
+
+def _read(f: ca.Function) -> set[int]:
+    return {f.instruction_input(k)[0] for k in range(f.n_instructions()) if f.instruction_id(k) == ca.OP_INPUT}

@@ -1,0 +1,20 @@
+/* Steps the arm from rest with a constant drive at every joint and prints where the tip goes. */
+#include "hda.h"
+
+#include <stdio.h>
+
+int main(void) {
+    static const double p[HDA_NP] = HDA_NOMINAL;
+    double c[HDA_NC], x[HDA_NX] = {0}, u[HDA_NU] = {0}, points[2 * (HDA_N + 1)];
+    const double h = 5e-4;
+    hda_prepare(p, c);
+    for (int j = 0; j < HDA_N; j++) u[j] = j % 2 ? -1.0 : 1.0;
+    for (int k = 0; k <= 1000; k++) {
+        if (k % 200 == 0) {
+            hda_points(x + HDA_POSITION, c, points);
+            printf("%.3f s  tip %+.6f %+.6f m\n", k * h, points[2 * HDA_N], points[2 * HDA_N + 1]);
+        }
+        hda_step_exact(x, u, c, &h, x);
+    }
+    return 0;
+}

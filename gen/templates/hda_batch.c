@@ -1,0 +1,71 @@
+/* Rollouts of many trajectories at once, HDA_BATCH_WIDTH of them in the lanes of a vector. */
+#include "hda.h"
+
+#include <math.h>
+#include <string.h>
+
+#if HDA_LANES && !HDA_STIFF
+
+#include "hda_batch_rhs.h"
+
+/* One row of all lanes: load the inputs, step, store. */
+static void advance(const double *const *u, const hda_batch *c, double h, long steps, hda_batch *x, double *const *out) {
+    hda_batch in[HDA_NU], k[4][HDA_NX], y[HDA_NX];
+    const double reach[3] = {0.5 * h, 0.5 * h, h};
+    for (int i = 0; i < HDA_NU; i++) {
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) in[i][lane] = u[lane][i];
+    }
+    for (long step = 0; step < steps; step++) {
+        for (int stage = 0; stage < 4; stage++) {
+            batch_rhs(stage ? y : x, in, c, k[stage]);
+            if (stage < 3) {
+                for (int i = 0; i < HDA_NX; i++) y[i] = x[i] + reach[stage] * k[stage][i];
+            }
+        }
+        for (int i = 0; i < HDA_NX; i++) x[i] += h / 6.0 * ((k[0][i] + k[3][i]) + 2.0 * (k[1][i] + k[2][i]));
+    }
+    for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+        for (int i = 0; i < HDA_NX; i++) out[lane][i] = x[i][lane];
+    }
+}
+
+static void group(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, long first, long count, int own, double *out) {
+    hda_batch x[HDA_NX], constants[HDA_NC];
+    const double *in[HDA_BATCH_WIDTH];
+    double *to[HDA_BATCH_WIDTH];
+    for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+        const long which = first + lane < count ? first + lane : count - 1; /* lanes without work repeat the last trajectory */
+        in[lane] = u + which * rows * HDA_NU;
+        to[lane] = out + which * (rows + 1) * HDA_NX;
+        for (int i = 0; i < HDA_NX; i++) x[i][lane] = x0[which * HDA_NX + i];
+        for (int i = 0; i < HDA_NC; i++) constants[i][lane] = c[(own ? which * HDA_NC : 0) + i];
+    }
+    for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+        for (int i = 0; i < HDA_NX; i++) to[lane][i] = x[i][lane];
+    }
+    for (long k = 0; k < rows; k++) {
+        const double want = dt[k] / most;
+        const long steps = want > 1.0 && want < 1e6 ? (long)ceil(want - 1e-9) : 1;
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) to[lane] += HDA_NX;
+        advance(in, constants, dt[k] / (double)steps, steps, x, to);
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) in[lane] += HDA_NU;
+    }
+}
+
+int hda_batch_width(void) { return HDA_BATCH_WIDTH; }
+
+void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, long count, int own, double *x) {
+    for (long first = 0; first < count; first += HDA_BATCH_WIDTH) group(x0, u, c, dt, rows, most, first, count, own, x);
+}
+
+#else
+
+int hda_batch_width(void) { return 1; }
+
+void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, long count, int own, double *x) {
+    for (long k = 0; k < count; k++) {
+        hda_rollout(x0 + k * HDA_NX, u + k * rows * HDA_NU, c + (own ? k * HDA_NC : 0), dt, rows, most, x + k * (rows + 1) * HDA_NX);
+    }
+}
+
+#endif

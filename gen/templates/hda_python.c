@@ -1,0 +1,298 @@
+/* The compiled model as a Python module, over the stable ABI.
+ *
+ * The dozen declarations of the stable ABI that are used stand here, so that building needs no Python headers; their layout is
+ * fixed by PEP 384 and the list of the stable ABI (Py_buffer since 3.11). bind() checks every buffer once; run() only calls.
+ */
+#include "hda.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "hda_table.h"
+
+typedef ptrdiff_t Py_ssize_t;
+typedef struct object {
+    Py_ssize_t references;
+    void *type;
+} PyObject;
+typedef struct {
+    void *buf;
+    PyObject *obj;
+    Py_ssize_t len, itemsize;
+    int readonly, ndim;
+    char *format;
+    Py_ssize_t *shape, *strides, *suboffsets;
+    void *internal;
+} Py_buffer;
+typedef struct {
+    const char *name;
+    void (*method)(void);
+    int flags;
+    const char *doc;
+} PyMethodDef;
+typedef struct {
+    int slot;
+    void *value;
+} Slot;
+typedef struct {
+    const char *name;
+    int basicsize, itemsize;
+    unsigned int flags;
+    Slot *slots;
+} PyType_Spec;
+typedef struct {
+    PyObject head;
+    PyObject *(*init)(void);
+    Py_ssize_t index;
+    PyObject *copy;
+    const char *name, *doc;
+    Py_ssize_t size;
+    PyMethodDef *methods;
+    Slot *slots;
+    void *traverse, *clear, *free;
+} PyModuleDef;
+
+enum { WRITABLE = 1, FORMAT = 4, C_CONTIGUOUS = 0x38, NOARGS = 4, FASTCALL = 0x80, TP_DEALLOC = 52, TP_DOC = 56, TP_METHODS = 64, MOD_EXEC = 2, MOST = 24 };
+
+extern PyObject _Py_NoneStruct;
+extern PyObject *PyExc_ValueError, *PyExc_TypeError, *PyExc_MemoryError;
+extern int PyObject_GetBuffer(PyObject *, Py_buffer *, int);
+extern void PyBuffer_Release(Py_buffer *);
+extern void PyErr_SetString(PyObject *, const char *);
+extern PyObject *PyErr_Format(PyObject *, const char *, ...);
+extern PyObject *PyErr_Occurred(void);
+extern void PyErr_Clear(void);
+extern void Py_IncRef(PyObject *);
+extern void Py_DecRef(PyObject *);
+extern const char *PyUnicode_AsUTF8AndSize(PyObject *, Py_ssize_t *);
+extern long PyLong_AsLong(PyObject *);
+extern PyObject *PyLong_FromLong(long);
+extern double PyFloat_AsDouble(PyObject *);
+extern PyObject *PyUnicode_FromString(const char *);
+extern PyObject *PyType_FromSpec(PyType_Spec *);
+extern PyObject *PyType_GenericAlloc(PyObject *, Py_ssize_t);
+extern void PyObject_Free(void *);
+extern PyObject *PyModuleDef_Init(PyModuleDef *);
+extern int PyModule_AddObjectRef(PyObject *, const char *, PyObject *);
+extern void *PyModule_GetState(PyObject *);
+extern void *PyEval_SaveThread(void);
+extern void PyEval_RestoreThread(void *);
+
+static PyObject *none(void) {
+    Py_IncRef(&_Py_NoneStruct);
+    return &_Py_NoneStruct;
+}
+
+/* ---- buffers ---- */
+
+static int fits(const hda_argument *a, PyObject *given, Py_ssize_t rows, Py_buffer *view, Py_ssize_t *stride) {
+    if (PyObject_GetBuffer(given, view, C_CONTIGUOUS | FORMAT | (a->writable ? WRITABLE : 0)) < 0) {
+        PyErr_Clear();
+        PyErr_Format(PyExc_TypeError, "%s must be a %scontiguous array of %s", a->name, a->writable ? "writable " : "", a->kind == 'd' ? "float64" : a->kind == 'i' ? "int32" : "uint8");
+        return 0;
+    }
+    const Py_ssize_t size = a->kind == 'd' ? 8 : a->kind == 'i' ? 4 : 1;
+    const char *format = view->format ? view->format : "B";
+    const int right = a->kind == 'd' ? !strcmp(format, "d") || !strcmp(format, "<d") : a->kind == 'i' ? !strcmp(format, "i") || !strcmp(format, "<i") : size == view->itemsize;
+    if (!right || view->itemsize != size) {
+        PyErr_Format(PyExc_TypeError, "%s must hold %s, not items of format '%s'", a->name, a->kind == 'd' ? "float64" : a->kind == 'i' ? "int32" : "uint8", format);
+    } else if (view->len == a->count * size) {
+        *stride = 0;
+        return 1;
+    } else if (rows > 1 && view->len == rows * a->count * size) {
+        *stride = a->count * size;
+        return 1;
+    } else {
+        PyErr_Format(PyExc_ValueError, "%s must have %zd entries, not %zd", a->name, (Py_ssize_t)a->count, view->len / size);
+    }
+    PyBuffer_Release(view);
+    return 0;
+}
+
+static const hda_entry *find(PyObject *name) {
+    const char *text = PyUnicode_AsUTF8AndSize(name, NULL);
+    if (!text) return NULL;
+    for (const hda_entry *e = hda_table; e->name; e++) {
+        if (!strcmp(e->name, text)) return e;
+    }
+    PyErr_Format(PyExc_ValueError, "no function named '%s'; the manifest lists them", text);
+    return NULL;
+}
+
+/* Takes all buffers of an entry, or none. */
+static int take(const hda_entry *e, PyObject *const *given, Py_ssize_t count, Py_ssize_t rows, Py_buffer *views, void **at, Py_ssize_t *stride) {
+    if (count != e->count) {
+        PyErr_Format(PyExc_TypeError, "%s takes %zd arrays, not %zd", e->name, (Py_ssize_t)e->count, count);
+        return 0;
+    }
+    for (int k = 0; k < e->count; k++) {
+        if (!fits(&e->arguments[k], given[k], rows, &views[k], &stride[k])) {
+            while (k-- > 0) PyBuffer_Release(&views[k]);
+            return 0;
+        }
+        at[k] = views[k].buf;
+    }
+    return 1;
+}
+
+/* ---- a function bound to its buffers ---- */
+
+typedef struct {
+    PyObject head;
+    void (*call)(void *const *);
+    int count;
+    void *at[MOST];
+    Py_buffer views[MOST];
+} Bound;
+
+static PyObject *run(PyObject *self, PyObject *ignored) {
+    (void)ignored;
+    ((Bound *)self)->call(((Bound *)self)->at);
+    return none();
+}
+
+static void dealloc(PyObject *self) {
+    Bound *bound = (Bound *)self;
+    PyObject *type = (PyObject *)self->type;
+    for (int k = 0; k < bound->count; k++) PyBuffer_Release(&bound->views[k]);
+    PyObject_Free(self);
+    Py_DecRef(type);
+}
+
+static PyMethodDef bound_methods[] = {
+    {"run", (void (*)(void))run, NOARGS, "run(): call the function on the bound arrays."},
+    {NULL, NULL, 0, NULL},
+};
+static Slot bound_slots[] = {
+    {TP_DEALLOC, (void *)(size_t)dealloc},
+    {TP_METHODS, bound_methods},
+    {TP_DOC, (void *)(size_t)"A function bound to its arrays; it keeps them alive."},
+    {0, NULL},
+};
+static PyType_Spec bound_spec = {"hda.Bound", sizeof(Bound), 0, 1u << 7 /* no instances from Python */, bound_slots};
+
+static PyObject *bind(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    Py_ssize_t stride[MOST];
+    const hda_entry *e = count > 0 ? find(args[0]) : NULL;
+    if (!e) {
+        if (!PyErr_Occurred()) PyErr_SetString(PyExc_TypeError, "bind takes a function's name and its arrays");
+        return NULL;
+    }
+    Bound *bound = (Bound *)PyType_GenericAlloc(*(PyObject **)PyModule_GetState(module), 0);
+    if (!bound) return NULL;
+    if (!take(e, args + 1, count - 1, 1, bound->views, bound->at, stride)) {
+        Py_DecRef(&bound->head);
+        return NULL;
+    }
+    bound->call = e->call;
+    bound->count = e->count;
+    return &bound->head;
+}
+
+/* map(name, rows, arrays...): the function on every row; an array with one row's entries serves all rows. */
+static PyObject *map(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    (void)module;
+    Py_ssize_t stride[MOST];
+    Py_buffer views[MOST];
+    void *at[MOST];
+    const hda_entry *e = count > 1 ? find(args[0]) : NULL;
+    if (!e) {
+        if (!PyErr_Occurred()) PyErr_SetString(PyExc_TypeError, "map takes a function's name, a number of rows and its arrays");
+        return NULL;
+    }
+    const long rows = PyLong_AsLong(args[1]);
+    if (rows == -1 && PyErr_Occurred()) return NULL;
+    if (!take(e, args + 2, count - 2, rows, views, at, stride)) return NULL;
+    void *thread = PyEval_SaveThread();
+    for (long row = 0; row < rows; row++) {
+        e->call(at);
+        for (int k = 0; k < e->count; k++) at[k] = (char *)at[k] + stride[k];
+    }
+    PyEval_RestoreThread(thread);
+    for (int k = 0; k < e->count; k++) PyBuffer_Release(&views[k]);
+    return none();
+}
+
+/* ---- rollouts ---- */
+
+/* rollout(kind, x0, u, c, dt, most, count, x): kind 0 smooth, 1 set-valued, 2 batch with shared c, 3 batch with its own c each */
+static PyObject *rollout(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    (void)module;
+    if (count != 8) {
+        PyErr_SetString(PyExc_TypeError, "rollout takes (kind, x0, u, c, dt, most, count, x)");
+        return NULL;
+    }
+    const long kind = PyLong_AsLong(args[0]), many = PyLong_AsLong(args[6]);
+    const double most = PyFloat_AsDouble(args[5]);
+    if (PyErr_Occurred()) return NULL;
+    if (kind < 0 || kind > 3 || many < 1 || (kind < 2 && many != 1) || !(most > 0.0)) {
+        PyErr_SetString(PyExc_ValueError, "rollout: kind is 0 to 3, count at least 1 (1 unless a batch), the longest step above 0");
+        return NULL;
+    }
+    Py_buffer dt;
+    if (PyObject_GetBuffer(args[4], &dt, C_CONTIGUOUS | FORMAT) < 0) return NULL;
+    const long rows = (long)(dt.len / 8);
+    hda_entry e = {"rollout", 5, NULL, {
+        {"dt", 'd', (long)rows, 0},
+        {"x0", 'd', many * HDA_NX, 0},
+        {"u", 'd', many * rows * HDA_NU, 0},
+        {"c", 'd', (kind == 3 ? many : 1) * HDA_NC, 0},
+        {"x", 'd', many * (rows + 1) * HDA_NX, 1},
+    }};
+    PyObject *given[5] = {args[4], args[1], args[2], args[3], args[7]};
+    Py_buffer views[MOST];
+    void *at[MOST];
+    Py_ssize_t stride[MOST];
+    const int taken = take(&e, given, 5, 1, views, at, stride);
+    PyBuffer_Release(&dt);
+    if (!taken) return NULL;
+    void *thread = PyEval_SaveThread();
+    if (kind == 0) {
+        hda_rollout(at[1], at[2], at[3], at[0], rows, most, at[4]);
+    } else if (kind == 1) {
+        hda_rollout_exact(at[1], at[2], at[3], at[0], rows, most, at[4]);
+    } else {
+        hda_rollout_batch(at[1], at[2], at[3], at[0], rows, most, many, kind == 3, at[4]);
+    }
+    PyEval_RestoreThread(thread);
+    for (int k = 0; k < 5; k++) PyBuffer_Release(&views[k]);
+    return none();
+}
+
+/* ---- the module ---- */
+
+static PyObject *empty(PyObject *self, PyObject *ignored) {
+    (void)self;
+    (void)ignored;
+    return none();
+}
+
+static PyMethodDef methods[] = {
+    {"bind", (void (*)(void))bind, FASTCALL, "bind(name, *arrays): a function bound to its arrays."},
+    {"map", (void (*)(void))map, FASTCALL, "map(name, rows, *arrays): the function on every row."},
+    {"rollout", (void (*)(void))rollout, FASTCALL, "rollout(kind, x0, u, c, dt, most, count, x): simulate over time."},
+    {"empty", (void (*)(void))empty, NOARGS, "empty(): nothing, to time a call."},
+    {NULL, NULL, 0, NULL},
+};
+
+static int execute(PyObject *module) {
+    PyObject *type = PyType_FromSpec(&bound_spec);
+    if (!type) return -1;
+    *(PyObject **)PyModule_GetState(module) = type;
+    PyObject *hash = PyUnicode_FromString(HDA_BUILD);
+    if (!hash) return -1;
+    PyObject *width = PyLong_FromLong(hda_batch_width());
+    if (!width) return -1;
+    const int failed = PyModule_AddObjectRef(module, "build", hash) < 0 || PyModule_AddObjectRef(module, "batch_width", width) < 0;
+    Py_DecRef(hash);
+    Py_DecRef(width);
+    return failed ? -1 : 0;
+}
+
+static Slot slots[] = {{MOD_EXEC, (void *)(size_t)execute}, {0, NULL}};
+static PyModuleDef definition = {{1, NULL}, NULL, 0, NULL, "hda", "A compiled robot arm.", sizeof(PyObject *), methods, slots, NULL, NULL, NULL};
+
+extern __attribute__((visibility("default"))) PyObject *PyInit_hda(void);
+PyObject *PyInit_hda(void) {
+    return PyModuleDef_Init(&definition);
+}
