@@ -93,7 +93,7 @@ class Frame:
 class Mapped:
     """A table under the contract's names, in SI. Rows outside [start, stop) lack a value that was shifted or filled."""
 
-    time: np.ndarray
+    time: np.ndarray | None  # None where the log has none
     columns: dict[str, np.ndarray]
     start: int
     stop: int
@@ -133,7 +133,9 @@ class ColumnMap:
         }
         if len(set(lengths.values())) > 1:
             listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
-            problems.append(f"{self.path}: the columns differ in length ({listed}); take columns of one recording.")
+            problems.append(
+                f"{self.path or 'the log'}: the columns differ in length ({listed}); take columns of one recording."
+            )
         if not lengths and sources:
             problems.append(f"{self.path}: no column of the log is used: give at least one 'from'.")
         if problems:
@@ -145,8 +147,7 @@ class ColumnMap:
             notes.append(_turn_force(self.frame, converted, self.path))
         start = max((_edges(sources[n], v)[0] for n, v in converted.items()), default=0)
         stop = min((_edges(sources[n], v)[1] for n, v in converted.items()), default=rows)
-        time = converted.pop("time", np.empty(0))
-        return Mapped(time, converted, start, max(start, stop), tuple(notes))
+        return Mapped(converted.pop("time", None), converted, start, max(start, stop), tuple(notes))
 
 
 def _suggest(name: str, names: tuple[str, ...]) -> str:
@@ -179,10 +180,9 @@ def _convert(source: Source, table: Table, rows: int) -> np.ndarray:
     offset = source.offset + (_CELSIUS_ZERO if source.unit == "degC" else 0.0)
     values = logged if factor == 1.0 and offset == 0.0 else factor * logged + offset
     if source.shift_rows:
-        shifted = np.full(rows, np.nan)
         k = source.shift_rows
-        shifted[max(k, 0) : rows + min(k, 0)] = values[max(-k, 0) : rows - max(k, 0)]
-        return shifted
+        values = np.roll(values, k)
+        values[slice(0, k) if k > 0 else slice(k, None)] = np.nan
     return values
 
 

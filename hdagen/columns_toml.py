@@ -77,7 +77,7 @@ def _frame(path: Path, entry: Any, problems: list[str]) -> Frame | None:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= 1e300  # NaN is not
 
 
 def _is_whole(value: Any) -> bool:
@@ -88,11 +88,11 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 200
 
 
-# key -> (test of its value, what the value must be, the columns that may have it: "" all, else a part of their names)
+# key -> (test of its value, what the value must be, a pattern of the columns that may have it)
 _KEYS: dict[str, tuple[Any, str, str]] = {
     "from": (_is_text, "the name of a column of the log", ""),
     "value": (_is_number, "a finite number", "_"),
-    "period": (lambda v: _is_number(v) and v > 0, "a positive number of seconds", "time"),
+    "period": (lambda v: _is_number(v) and v > 0, "a positive number of seconds", "^time$"),
     "unit": (_is_text, "the name of a unit", ""),
     "scale": (lambda v: _is_number(v) and v != 0, "a finite number other than 0", ""),
     "sign": (lambda v: _is_whole(v) and v in (1, -1), "1 or -1", "_"),
@@ -104,10 +104,14 @@ _KEYS: dict[str, tuple[Any, str, str]] = {
         "position",
     ),
     "subtract": (_is_text, "the name of a column of the log", "_"),
-    "joint_side_ratio": (lambda v: _is_number(v) and v > 0, "the ratio, a positive number", "motor_"),
+    "joint_side_ratio": (
+        lambda v: _is_number(v) and v > 0,
+        "the ratio, a positive number",
+        "motor_(torque|position|velocity)",
+    ),
     "shift_rows": (lambda v: _is_whole(v) and abs(v) <= 1000, "a whole number of rows, -1000 to 1000", "_"),
     "fill": (lambda v: v in ("hold", "linear"), '"hold" or "linear"', "_"),
-    "duplicates": (lambda v: v == "first", '"first"', "time"),
+    "duplicates": (lambda v: v == "first", '"first"', "^time$"),
 }
 
 
@@ -116,8 +120,8 @@ def _source(path: Path, name: str, entry: dict[str, Any], problems: list[str]) -
     place = f"{path}: [{name}]"
     good: dict[str, Any] = {}
     for key, value in entry.items():
-        if key not in _KEYS or _KEYS[key][2] not in name:
-            possible = [k for k, (_, _, part) in _KEYS.items() if part in name]
+        if key not in _KEYS or not re.search(_KEYS[key][2], name):
+            possible = [k for k, (_, _, pattern) in _KEYS.items() if re.search(pattern, name)]
             problems.append(f"{place} has no key {key[:60]}; possible are {list_some(possible)}.")
         elif not _KEYS[key][0](value):
             problems.append(f"{place} {key} = {value!r:.60}; it must be {_KEYS[key][1]}.")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hdagen import columns_toml, table
-from hdagen.columns import ColumnMap, ColumnsError, Mapped, split_name
+from hdagen.columns import ColumnMap, ColumnsError, Mapped, Source, split_name
 from hdagen.csvfile import read_csv
 from hdagen.matfile import read_mat
 from hdagen.table import LogError, Table, list_some
@@ -82,15 +82,22 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     raw = _read_table(path, mapping)
     mapped = mapping.apply(raw)
     problems = _check_columns(path, raw, mapped, joints)
-    mapped, notes = _drop_duplicates(mapping, mapped)
-    problems += _check_time(path, raw, mapped, "time" in mapping.sources and bool(mapping.sources["time"].unit))
+    if mapped.time is not None:
+        problems += _check_time(path, raw, mapped, mapped.time, mapping.sources.get("time"))
     problems += _check_values(path, raw, mapped)
-    if problems:
+    if problems or mapped.time is None:
         raise LogError(problems)
-    part = slice(mapped.start, mapped.stop)
-    time, values = mapped.time[part], {name: column[part] for name, column in mapped.columns.items()}
-    if (lost := len(mapped.time) - len(time)) > 0:
+    notes: list[str] = []
+    part = np.arange(mapped.start, mapped.stop)
+    if (lost := len(mapped.time) - len(part)) > 0:
         notes.append(f"{lost} row(s) at the ends were cut: a moved or filled column has no value there.")
+    same = np.diff(mapped.time[part], prepend=-np.inf) == 0
+    if same.any():
+        notes.append(f"{np.count_nonzero(same)} row(s) with a repeated time stamp were dropped.")
+        part = part[~same]
+    whole = len(part) == len(mapped.time)  # then nothing is copied
+    time = mapped.time if whole else mapped.time[part]
+    values = {name: column if whole else column[part] for name, column in mapped.columns.items()}
     ignored = [name for name in raw.names if name and not mapping.reads(name)]
     if ignored:
         notes.append(f"Columns not used: {list_some(ignored, 12)}.")
@@ -135,7 +142,7 @@ def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -
     """What a log needs: time, and per joint one current or torque and one position."""
     problems = []
     has = f"the file has {list_some(raw.names)}"
-    if not len(mapped.time) and "time" not in raw.columns:
+    if mapped.time is None:
         problems.append(
             f"{path}: there is no column time; {has}: name it so, or say in columns.toml [time] from = which."
         )
@@ -159,26 +166,10 @@ def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -
     return problems
 
 
-def _drop_duplicates(mapping: ColumnMap, mapped: Mapped) -> tuple[Mapped, list[str]]:
-    """Where columns.toml says so, keep the first of rows with one stamp."""
-    time = mapping.sources.get("time")
-    if time is None or not time.duplicates or len(mapped.time) < 2:
-        return mapped, []
-    kept = np.concatenate(([True], np.diff(mapped.time) != 0))
-    if kept.all():
-        return mapped, []
-    before = np.concatenate(([0], np.cumsum(kept)))
-    thinned = {name: values[kept] for name, values in mapped.columns.items()}
-    start, stop = int(before[mapped.start]), int(before[mapped.stop])
-    note = f"{np.count_nonzero(~kept)} row(s) with a repeated time stamp were dropped."
-    return Mapped(mapped.time[kept], thinned, start, stop, mapped.notes), [note]
-
-
-def _check_time(path: Path, raw: Table, mapped: Mapped, declared: bool) -> list[str]:
+def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source: Source | None) -> list[str]:
     """Time must be finite, increase, and be in s; a unit that columns.toml declares is believed."""
-    time = mapped.time
     if not len(time):
-        return [f"{path}: there are no rows: record again, or copy it again."] if "time" in raw.columns else []
+        return [f"{path}: there are no rows: record again, or copy it again."]
     if mapped.stop - mapped.start < 2:
         return [f"{path}: {mapped.stop - mapped.start} row(s) only; a log needs at least two, and a motion among them."]
     bad = np.flatnonzero(~np.isfinite(time))
@@ -187,6 +178,7 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, declared: bool) -> list[
             f"{path}, {raw.place(int(bad[0]))}: time has no value there, {len(bad)} time(s) in all: delete these rows."
         ]
     problems = []
+    declared = source is not None and bool(source.unit)
     steps = np.diff(time)
     back, same = np.flatnonzero(steps < 0), np.flatnonzero(steps == 0)
     if len(back):
@@ -195,11 +187,11 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, declared: bool) -> list[
             f"{path}, {raw.place(k + 1)}: time runs backwards, from {time[k]:.9g} s to {time[k + 1]:.9g} s, "
             f"{len(back)} time(s) in all: two recordings in one file, or rows out of order? Cut or sort the file."
         )
-    if len(same):
+    if len(same) and not (source and source.duplicates):
         k = int(same[0])
         problems.append(
-            f"{path}, {raw.place(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)} time(s) "
-            'in all: log time with more digits, or keep the first of each with columns.toml [time] duplicates = "first".'
+            f"{path}, {raw.place(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)} in all: "
+            'log time with more digits, or keep the first of each with columns.toml [time] duplicates = "first".'
         )
     step = float(np.median(steps))
     if not declared and not len(back) and step >= _SLOWEST:

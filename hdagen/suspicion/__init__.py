@@ -1,0 +1,1 @@
+"""Mistakes in a log that its own numbers give away, one kind a file; see triage."""

@@ -1,0 +1,224 @@
+"""Triage: what a log is worth before anything is computed from it, in words with numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.channels import Channel, describe
+from hdagen.log import Log, gaps
+from hdagen.suspicion import inputs, positions
+from hdagen.suspicion.finding import Finding, Machine, Severity
+
+__all__ = ["Finding", "Severity", "Triage", "triage"]
+
+_MANY_DROPPED = 0.005, 0.2  # share of rows missing that is worth a warning, and that cannot be worked with
+_LONG_GAP = 0.25  # s; a window of the replay
+_SHORT = 1.0  # s
+_SLOW = 200.0  # Hz; joint resonances lie at 15 to 140 Hz
+_COSTS = (  # what a missing channel costs, for a joint that does not have it
+    ("motor_position", "in a flexible joint, torsion, backlash and kinematic error cannot be told apart"),
+    ("joint_position", "what bends or errs behind the motor is seen only through the motor"),
+    ("joint_position_reference", "the loop cannot be closed in a replay"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Triage:
+    """A log in numbers, and what was found in it.
+
+    ``rate`` in Hz; ``jitter`` the standard deviation of the time between rows, gaps apart, in s; ``dropped`` rows are
+    missing in ``gaps`` gaps; ``lags`` of measured inputs behind their commands in s, by the measured channel.
+    """
+
+    source: str
+    rows: int
+    duration: float
+    rate: float
+    jitter: float
+    dropped: int
+    gaps: int
+    channels: tuple[Channel, ...]
+    lags: dict[str, float]
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """Why nothing right can be computed from the log; empty if it can be used."""
+        return self._sentences(Severity.REFUSE)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is worth a look."""
+        return self._sentences(Severity.WARN)
+
+    def _sentences(self, severity: Severity) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(finding.sentence for finding in self.findings if finding.severity is severity))
+
+    def words(self) -> list[str]:
+        """The whole triage as lines to print."""
+        lines = [
+            f"{self.source}: {self.rows} rows, {self.duration:.4g} s at {self.rate:.5g} Hz, jitter "
+            f"{1e6 * self.jitter:.3g} us, {self.dropped} dropped in {self.gaps} gap(s)."
+        ]
+        for channel in self.channels:
+            step = f"steps of {channel.step:.3g}" if channel.step else "no steps seen"
+            lines.append(f"{channel.name}: {channel.low:.4g} to {channel.high:.4g}, noise {channel.noise:.2g}, {step}.")
+        lines += [f"{name} lags its command by {1e3 * seconds:.3g} ms." for name, seconds in self.lags.items()]
+        lines += self.notes
+        return lines + [f"{finding.severity.value}: {finding.sentence}" for finding in self.findings]
+
+    def data(self) -> dict[str, object]:
+        """The same for a JSON file."""
+        return {
+            "source": self.source,
+            "rows": self.rows,
+            "duration": self.duration,
+            "rate": self.rate,
+            "jitter": self.jitter,
+            "dropped": self.dropped,
+            "gaps": self.gaps,
+            "channels": {
+                c.name: {"noise": c.noise, "step": c.step, "low": c.low, "high": c.high} for c in self.channels
+            },
+            "lags": dict(self.lags),
+            "repaired": list(self.notes),
+            "missing": [f.sentence for f in self.findings if f.name == "missing"],
+            "warnings": list(self.warnings),
+            "refused": list(self.refusals),
+        }
+
+
+def triage(
+    log: Log,
+    ratios: Sequence[float],
+    resolutions: Mapping[str, float] | None = None,
+    max_currents: Sequence[float | None] | None = None,
+    position_limits: Sequence[tuple[float, float] | None] | None = None,
+    prismatic: Sequence[int] = (),
+) -> Triage:
+    """Look at ``log`` as one of a robot with gear ``ratios`` (one a joint; rad/m where prismatic).
+
+    What the robot file states sharpens the look: encoder ``resolutions`` by column name (rad or m), ``max_currents``
+    (A) and ``position_limits`` (rad or m) a joint, None where it is silent; ``prismatic`` lists joint numbers.
+    Raises ValueError where the lengths differ from the log's joints.
+    """
+    n = log.n_joints
+    none: tuple[None, ...] = (None,) * n
+    machine = Machine(
+        tuple(float(ratio) for ratio in ratios),
+        dict(resolutions or {}),
+        tuple(max_currents) if max_currents is not None else none,
+        tuple(position_limits) if position_limits is not None else none,
+        tuple(joint in prismatic for joint in range(1, n + 1)),
+    )
+    if not len(machine.ratios) == len(machine.max_currents) == len(machine.position_limits) == n:
+        raise ValueError(f"the log has {n} joints; ratios, max_currents and position_limits must be as many")
+    channels = {name: describe(name, values) for name, values in log.columns.items()}
+    steps = np.diff(log.time)
+    gap_rows, missing = gaps(log.time)
+    lags = inputs.lags(log)
+    findings = _time(log, steps, gap_rows, missing) + _worth(log, channels) + _suspect(log, channels, machine, lags)
+    order = list(Severity)
+    return Triage(
+        source=log.source,
+        rows=len(log),
+        duration=float(log.time[-1] - log.time[0]),
+        rate=1 / log.period,
+        jitter=float(np.std(np.delete(steps, gap_rows))) if len(steps) > len(gap_rows) else 0.0,
+        dropped=int(missing.sum()),
+        gaps=len(gap_rows),
+        channels=tuple(channels.values()),
+        lags={name: one.seconds for name, one in lags.items()},
+        findings=tuple(sorted(findings, key=lambda finding: (order.index(finding.severity), finding.joint))),
+        notes=log.notes,
+    )
+
+
+def _suspect(
+    log: Log, channels: Mapping[str, Channel], machine: Machine, lags: Mapping[str, inputs.Lag]
+) -> list[Finding]:
+    """Mistakes. One spoils the search for others: a channel found wrong is left out of the comparisons that follow."""
+    findings = positions.jumps(log, channels)
+    sound = _sound(log, findings)
+    findings += positions.spans(channels, machine) + positions.steps(channels, machine)
+    findings += inputs.current_sizes(channels, machine)
+    findings += positions.swapped_encoders(log, channels, sound)
+    for joint in _sound(log, findings, ("wrapped", "jump", "swapped")):
+        findings += positions.encoders(log, channels, machine, joint)
+        findings += positions.rates(log, channels, joint) + positions.reference(log, channels, joint)
+    findings += inputs.measured_against_command(log, lags, machine)
+    moving = inputs.motion(
+        log, channels, machine.ratios, _sound(log, findings, ("wrapped", "jump", "swapped", "degrees"))
+    )
+    swapped = inputs.swapped_inputs(log, channels, moving)
+    if not swapped:
+        findings += inputs.signs(log, channels, moving, lags)
+    return findings + swapped
+
+
+def _sound(log: Log, findings: list[Finding], names: tuple[str, ...] = ("wrapped", "jump")) -> list[int]:
+    """The joints for which none of ``names`` was found in refusal."""
+    spoilt = {finding.joint for finding in findings if finding.severity is Severity.REFUSE and finding.name in names}
+    return [joint for joint in range(1, log.n_joints + 1) if joint not in spoilt]
+
+
+def _time(log: Log, steps: np.ndarray, rows: np.ndarray, missing: np.ndarray) -> list[Finding]:
+    """Dropped rows, long gaps, and a log too short or too slow."""
+    findings = []
+    duration, lost = float(log.time[-1] - log.time[0]), int(missing.sum())
+    share = lost / (len(log) + lost)
+    if lost:
+        k = int(rows[np.argmax(missing)])
+        says = (
+            f"{lost} row(s) are missing in {len(rows)} gap(s), {100 * share:.2g} % of the log, the longest of "
+            f"{steps[k]:.3g} s after row {k + 1} ({log.time[k]:.6g} s)"
+        )
+        if share > _MANY_DROPPED[1]:
+            sentence = f"{says}: too many; record with a logger that keeps up, or at a lower rate."
+            findings.append(Finding(Severity.REFUSE, "dropped", 0, sentence))
+        elif steps[k] > _LONG_GAP:
+            sentence = f"{says}: nothing is known in between; cut the log there if it matters."
+            findings.append(Finding(Severity.WARN, "dropped", 0, sentence))
+        elif share > _MANY_DROPPED[0]:
+            findings.append(Finding(Severity.WARN, "dropped", 0, f"{says}: commands are held across them."))
+    if duration < _SHORT:
+        sentence = f"the log lasts {duration:.3g} s; a diagnosis needs several seconds of motion: record longer."
+        findings.append(Finding(Severity.WARN, "short", 0, sentence))
+    if 1 / log.period < _SLOW:
+        rate = f"{1 / log.period:.4g} Hz"
+        sentence = f"{rate} is slow for joints that ring at 15 to 140 Hz: record at 500 Hz or more if possible."
+        findings.append(Finding(Severity.NOTE, "slow", 0, sentence))
+    return findings
+
+
+def _worth(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Channels that are missing, constant or saturated, and what that costs."""
+    findings = []
+    for joint in range(1, log.n_joints + 1):
+        for base, cost in _COSTS:
+            if f"{base}_{joint}" not in channels:
+                findings.append(Finding(Severity.NOTE, "missing", joint, f"{base}_{joint} is not logged: {cost}."))
+        for commanded, measured in inputs.PAIRS:
+            command, name = f"{commanded}_{joint}", f"{measured}_{joint}"
+            if (command in channels) != (name in channels):
+                absent = name if command in channels else command
+                sentence = f"{absent} is not logged: delay, lag and saturation of the drive cannot be seen."
+                findings.append(Finding(Severity.NOTE, "missing", joint, sentence))
+    for name, channel in channels.items():
+        joint = int(suffix) if (suffix := name.rpartition("_")[2]).isdigit() else 0
+        if channel.constant and not name.startswith("tip_force"):
+            position = "_position_" in name and "reference" not in name
+            what = "the joint did not move, nothing is learned about it" if position else "it says nothing"
+            severity = Severity.WARN if position else Severity.NOTE
+            findings.append(Finding(severity, "constant", joint, f"{name} stays at {channel.low:.5g}: {what}."))
+        if channel.saturated > 0.002 and name.rpartition("_")[0] in inputs.INPUTS:
+            sentence = (
+                f"{name} sits at {channel.low:.4g} or {channel.high:.4g} in {100 * channel.saturated:.2g} % of the "
+                "rows: saturated; record with less acceleration if that was not meant."
+            )
+            findings.append(Finding(Severity.WARN, "saturated", joint, sentence))
+    return findings
