@@ -1,8 +1,8 @@
 """Gears of the maker's catalogue, and the laws of the drive that follow from its numbers.
 
-Legend: T1, T2 torques that part the three straight lines, of stiffness K1, K2, K3, which the catalogue draws for torque over
-torsion; ψ hysteresis loss; τ_fs starting torque at the wave generator; N ratio. A gear stands here only with all of these
-read in a source; a peak torque that no source showed is None.
+Legend: T1, T2 torques that part the three straight lines, of stiffness K1, K2, K3, which the catalogue draws for torque
+over torsion; ψ hysteresis loss; τ_fs starting torque at the wave generator; N ratio. A gear stands here only with all
+of these read in a source; a peak torque that no source showed is None.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ CATALOGUE: dict[str, Gear] = {
         hysteresis_loss=2.9e-4,  # 1 arcmin
         starting_torque=0.037,
         # Its rating table could not be read, so the peak torques are open; its table 6 has the teeth jump at 200 N m.
-        source="Harmonic Drive LLC, CSF & CSG Series, Cup Type Component Sets & Housed Units: T1, T2 in tables 41 and 42; "
+        source="Harmonic Drive LLC, CSF & CSG Series, Cup Type Component Sets, Housed Units: tables 41, 42 (T1, T2); "
         "K1 to K3, hysteresis loss and starting torque: the catalogue numbers behind the paper's Table I",
     ),
 }
 
 
 def drive_laws(gear: Gear) -> tuple[float, float, float, float]:
-    """(K_f0 N m/rad, c_f 1/(N m), K_w0 N m/rad, c_w 1/(N m)) of flexspline and wave generator, from catalogue numbers alone.
+    """(K_f0 N m/rad, c_f 1/(N m), K_w0 N m/rad, c_w 1/(N m)): flexspline, wave generator from catalogue numbers alone.
 
     The flexspline's stiffness K_f0 (1 + (c_f τ)²), (9) corrected, passes through K1 and K2 at the mid-torques T1/2 and
     (T1 + T2)/2 of their regions, (28) corrected; the wave generator has (29) and (31).

@@ -14,6 +14,7 @@ from gen.description import Joint
 
 POINTS = 4096  # of the grid at most
 SMALLEST = 1e-9  # eigenvalue of M scaled to a unit diagonal
+LEAST = 1e-12  # kg m² or kg on the diagonal of M
 
 
 def mass_matrix(joints: tuple[Joint, ...], q: np.ndarray) -> np.ndarray:
@@ -53,7 +54,7 @@ def singular(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | Non
     q = np.array(list(itertools.product(*axes)))
     M = mass_matrix(joints, q)
     diagonal = np.einsum("pii->pi", M)
-    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scale = np.sqrt(np.where(diagonal > LEAST, diagonal, 1.0))
     smallest = np.linalg.eigvalsh(M / (scale[:, :, None] * scale[:, None, :]))[:, 0]
     worst = int(np.argmin(smallest))
     if smallest[worst] > SMALLEST:

@@ -134,15 +134,18 @@ def _about_center(own: dict[str, Any]) -> Value:
 
 
 def _drive(stated: dict[str, Any], tolerance: float) -> Drive:
-    gear = CATALOGUE.get(stated.get("catalogue", ""))
-    values: dict[str, Any] = dict(stated)
+    values: dict[str, Any] = dict.fromkeys(Drive.__dataclass_fields__) | stated
+    gear = CATALOGUE.get(values.pop("catalogue", ""))
     if gear:
         values |= {name: Value(number, tolerance) for name, number in zip(SPRINGS, drive_laws(gear), strict=True)}
-        values = {"ratio": Value(gear.ratio, 0.0), "hysteresis_loss": gear.hysteresis_loss} | values
+        values["ratio"] = values["ratio"] or Value(gear.ratio, 0.0)
+        if values["hysteresis_loss"] is None:
+            values["hysteresis_loss"] = gear.hysteresis_loss
     if values["rigid"]:
         values["torsional_damping"] = None
-    elif "law_torque" not in values:
+    elif values["law_torque"] is None:
         peak = gear.momentary_peak_torque if gear else None
         values["law_torque"] = Value(peak or LAW_SHARPNESS / values["flexspline_stiffening"].nominal, 0.0)
-    values.setdefault("friction_smoothing", Value(0.01 * values["ratio"].nominal, 0.0))
-    return Drive(**{name: values.get(name) for name in Drive.__dataclass_fields__})
+    if values["friction_smoothing"] is None:
+        values["friction_smoothing"] = Value(0.01 * values["ratio"].nominal, 0.0)
+    return Drive(**values)

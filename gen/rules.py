@@ -15,6 +15,7 @@ from gen.reading import Reading, path
 from gen.schema import MAX_JOINTS, SUBTABLES, Key, Kind, Need, Range, keys
 
 Values = dict[str, Any]
+LEAST_ROTOR = 1e-12  # kg m², of a body of its own
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9 _.,()+-]{0,79}")
 C_WORDS = frozenset(
     "asm auto bool break case char const continue default do double else enum extern float for goto if inline int long "
@@ -62,11 +63,16 @@ def _joint(raw: Any, place: str, reading: Reading) -> dict[str, Values]:
     if not isinstance(raw, Mapping):
         return values | {name: {} for name in SUBTABLES["joint"]}
     _link(raw, values["joint"], place, reading)
-    for name in SUBTABLES["joint"]:
+    for name in ("limits", "sensor"):
         values[name] = reading.table(raw.get(name, {}), f"joint.{name}", f"{place}.{name}")
-    drive = raw.get("drive", {})
-    if isinstance(drive, Mapping):
-        _needs(drive, values["drive"], f"{place}.drive", reading)
+    if "drive" not in raw:
+        reading.add(
+            f"{place}.drive", "found nothing, required is a drive; write [joint.drive] and its keys below [[joint]]"
+        )
+        return values | {"drive": {}}
+    values["drive"] = reading.table(raw["drive"], "joint.drive", f"{place}.drive")
+    if isinstance(raw["drive"], Mapping):
+        _needs(raw["drive"], values["drive"], f"{place}.drive", reading)
         _drive(values["drive"], f"{place}.drive", reading)
     return values
 
@@ -98,7 +104,10 @@ def _needs(raw: Mapping[str, Any], values: Values, place: str, reading: Reading)
         if rigid is None or key.need in (Need.YES, Need.NO):
             continue
         if rigid and given and key.need in (Need.SPRING, Need.FLEXIBLE):
-            reading.add(path(place, name), "found with rigid = true, possible only in a drive with springs; remove one")
+            reading.add(
+                path(place, name),
+                "found with rigid = true, possible only in a drive with springs; remove it or rigid = true",
+            )
         elif geared and given and key.need is Need.SPRING:
             reading.add(path(place, name), "found beside catalogue, possible is one of the two; remove one")
         elif not given and not geared and (key.need is Need.GEARED or (key.need is Need.SPRING and not rigid)):
@@ -106,13 +115,16 @@ def _needs(raw: Mapping[str, Any], values: Values, place: str, reading: Reading)
 
 
 def _drive(values: Values, place: str, reading: Reading) -> None:
-    gear = CATALOGUE.get(values.get("catalogue", ""))
+    gear = CATALOGUE.get(values.get("catalogue", "")) if values.get("rigid") is False else None
     if gear and "ratio" in values and values["ratio"].nominal != gear.ratio:
         found = f"found {values['ratio'].nominal:g} beside catalogue = {shown(values['catalogue'])}"
         reading.add(path(place, "ratio"), f"{found}, possible is {gear.ratio:g}; correct or remove one")
-    if values.get("rigid") is False and "motor_inertia" in values and values["motor_inertia"].nominal == 0:
-        possible = "possible is a number above 0 in a drive with springs"
-        reading.add(path(place, "motor_inertia"), f"found 0, {possible}; correct it or write rigid = true")
+    rotor = values.get("motor_inertia")
+    if values.get("rigid") is False and rotor and rotor.nominal < LEAST_ROTOR:
+        possible = f"possible is {LEAST_ROTOR:g} kg m² or more in a drive with springs"
+        reading.add(
+            path(place, "motor_inertia"), f"found {rotor.nominal:g}, {possible}; correct it or write rigid = true"
+        )
 
 
 # -- effects ----------------------------------------------------------------------------------------------------------

@@ -100,7 +100,7 @@ TABLE: tuple[Key, ...] = (
     Key("", "gravity", Kind.PARAMETERS, YES, "m/s²", Range(-100, 100),
         "gravity in the plane of motion; base frame: x right, y up, q = 0 along x", exact=True, width=10.0),
     Key("", "tolerance", NUMBER, NO, "1", Range(0, 10), "relative standard deviation of the parameters", 0.05),
-    Key("", "step", NUMBER, NO, "s", above(0, 0.1), "integration step the model is meant for", 0.0005),
+    Key("", "step", NUMBER, NO, "s", Range(1e-7, 0.1), "integration step the model is meant for", 0.0005),
 
     Key("joint", "type", TEXT, NO, "", ANY,
         "a prismatic joint slides along its own x", "revolute", choices=("revolute", "prismatic")),
@@ -119,11 +119,11 @@ TABLE: tuple[Key, ...] = (
     Key(DRIVE, "catalogue", TEXT, FLEXIBLE, "", ANY,
         "gear that gives ratio, the four spring values and hysteresis_loss", otherwise="none",
         choices=tuple(CATALOGUE)),
-    Key(DRIVE, "ratio", PARAMETER, Need.GEARED, "1", above(0, 1e5),
+    Key(DRIVE, "ratio", PARAMETER, Need.GEARED, "1", Range(1e-3, 1e5),
         "motor angle over joint position; both counted positive alike", otherwise=GEAR, exact=True, sliding="rad/m"),
     Key(DRIVE, "motor_inertia", PARAMETER, YES, "kg m²", Range(0, 10),
-        "J_m: rotor and wave generator; 0 for a rigid drive only", width=1e-3),
-    Key(DRIVE, "torque_constant", PARAMETER, NO, "N m/A", above(0, 100),
+        "J_m: rotor and wave generator; from 1e-12 in a drive with springs", width=1e-3),
+    Key(DRIVE, "torque_constant", PARAMETER, NO, "N m/A", Range(1e-6, 100),
         "k_t; without it the input is motor torque", otherwise="none"),
     Key(DRIVE, "max_current", NUMBER, NO, "A", above(0, 1e4),
         "largest current; counts where torque_constant is given", otherwise="none"),
@@ -131,19 +131,19 @@ TABLE: tuple[Key, ...] = (
         "viscous friction at the motor", width=1.0),
     Key(DRIVE, "coulomb_friction", PARAMETER, YES, "N m", Range(0, 1e5),
         "level of Coulomb friction at the motor", width=1.0),
-    Key(DRIVE, "friction_smoothing", PARAMETER, NO, "rad/s", above(0, 1e4),
+    Key(DRIVE, "friction_smoothing", PARAMETER, NO, "rad/s", Range(1e-6, 1e4),
         "motor speed over which smooth friction changes its sign", otherwise="0.01 · ratio", exact=True),
-    Key(DRIVE, "flexspline_stiffness", PARAMETER, SPRING, "N m/rad", above(0, 1e10),
+    Key(DRIVE, "flexspline_stiffness", PARAMETER, SPRING, "N m/rad", Range(1e-3, 1e10),
         "K_f0, stiffness of the flexspline at zero torque", otherwise=GEAR, sliding="N/m"),
     Key(DRIVE, "flexspline_stiffening", PARAMETER, SPRING, "1/(N m)", Range(1e-6, 100),
         "c_f, stiffening of the flexspline; 1e-6 is as good as linear", otherwise=GEAR, sliding="1/N"),
-    Key(DRIVE, "wave_generator_stiffness", PARAMETER, SPRING, "N m/rad", above(0, 1e10),
+    Key(DRIVE, "wave_generator_stiffness", PARAMETER, SPRING, "N m/rad", Range(1e-6, 1e10),
         "K_w0, stiffness of the wave generator at zero torque, at the motor", otherwise=GEAR),
     Key(DRIVE, "wave_generator_stiffening", PARAMETER, SPRING, "1/(N m)", Range(1e-3, 1e5),
         "c_w, stiffening of the wave generator, at the motor", otherwise=GEAR),
     Key(DRIVE, "torsional_damping", PARAMETER, FLEXIBLE, "N m s/rad", Range(0, 1e7),
         "damping beside the springs, at the joint", 0.0, width=10.0, sliding="N s/m"),
-    Key(DRIVE, "law_torque", PARAMETER, FLEXIBLE, "N m", above(0, 1e8),
+    Key(DRIVE, "law_torque", PARAMETER, FLEXIBLE, "N m", Range(1e-3, 1e8),
         "joint torque from which the spring law goes on along its tangent",
         otherwise="the catalogue's momentary peak torque; where none is stated 12/c_f, at which tan() in the "
         "flexspline's law is 12", exact=True, sliding="N"),
@@ -179,10 +179,13 @@ def unit(key: Key, kind: str) -> str:
 
 
 def span(key: Key) -> str:
-    """The range of a key in words, with its unit."""
-    units = f"{key.unit} ({key.sliding} at a prismatic joint)" if key.sliding else key.unit
-    bounds = f"{'above' if key.range.above else 'from'} {key.range.low:g} to {key.range.high:g}"
-    return bounds if units in ("", "1") else f"{bounds} {units}"
+    """The range of a key in words, with its unit; empty where it has none."""
+    if key.range == ANY:
+        return ""
+    low, high = (f"{end:g}" for end in (key.range.low, key.range.high))
+    bounds = f"above {low}, up to {high}" if key.range.above else f"from {low} to {high}"
+    sliding = f"({key.sliding} at a prismatic joint)" if key.sliding else ""
+    return " ".join(part for part in (bounds, key.unit if key.unit != "1" else "", sliding) if part)
 
 
 INTRODUCTION = """# robot.toml
