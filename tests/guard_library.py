@@ -17,9 +17,13 @@ TEMPLATES = ROOT / "gen" / "templates"
 HARNESS = ROOT / "tests" / "guard_harness.c"
 SOURCES = tuple(TEMPLATES / f"{name}.c" for name in ("hda_limit", "hda_guard", "hda_guard_config"))
 HEADER = (TEMPLATES / "hda_guard.h").read_text(encoding="ascii")
-STRICT = "-std=c99 -O2 -ffp-contract=off -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wstrict-prototypes -Werror".split()
+STRICT = (
+    "-std=c99 -O2 -ffp-contract=off -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wstrict-prototypes -Werror".split()
+)
 
-SENTENCES = {name: (int(code), words) for name, code, words in re.findall(r'HDA_STATUS\((\w+), (-?\d+), "(.*)"\)', HEADER)}
+SENTENCES = {
+    name: (int(code), words) for name, code, words in re.findall(r'HDA_STATUS\((\w+), (-?\d+), "(.*)"\)', HEADER)
+}
 CODE = {name: code for name, (code, _) in SENTENCES.items()}
 NAME = {code: name for name, code in CODE.items()}
 ZERO, DAMPING, HOLD = (int(x) for x in re.findall(r"HDA_SAFE_(?:ZERO|DAMPING|HOLD) = (\d)", HEADER))
