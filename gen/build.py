@@ -16,7 +16,8 @@ from pathlib import Path
 
 from gen import compile as compiler
 from gen.presets import presets
-from gen.robot import LARGEST, Robot, load, slug
+from gen.robot import LARGEST, Robot, load
+from gen.rules import slug
 
 HERE = Path(__file__).parent
 
@@ -97,6 +98,7 @@ def _make(robot: Robot, profile: str, extra: tuple[str, ...], folder: Path, name
         "cpu": compiler.cpu_flags() if profile == "native" else (),
         "library": library,
     }
+    print(f"building {robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
     files = sources.texts(graphs, effects, name, how, profile == "native")
     for stale in out.glob(f".{folder.name}.part-*"):  # left by a build that was killed; the lock is ours
         shutil.rmtree(stale, ignore_errors=True)

@@ -29,6 +29,7 @@ import numpy as np
 
 from gen.robot import Drive
 
+SPRINGS = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
 ERROR = 1e-12  # rad, of the inverse
 SPREAD = 1.25  # factor about the nominal springs, each either way, over which the inverse keeps it
 DEGREES = (16, 20, 24, 28, 32)
@@ -172,8 +173,7 @@ def plan(drives: Sequence[Drive]) -> Plan:
 
 def _error(drive: Drive, chosen: Plan) -> float:
     """Largest error of the inverse, rad, over the corners of the springs' spread."""
-    keys = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
-    p = {key: ca.SX.sym(key) for key in (*keys, "ratio", "law_torque")}
+    p = {key: ca.SX.sym(key) for key in (*SPRINGS, "ratio", "law_torque")}
     tau, law, coefficients = ca.SX.sym("tau"), springs(p), ca.SX.sym("a", chosen.degree + 1)
     phi = torsion(tau, law)
     found = torsion(spring_torque(phi, law, coefficients, chosen), law)
@@ -184,7 +184,7 @@ def _error(drive: Drive, chosen: Plan) -> float:
     worst = 0.0
     corners = itertools.product((1.0, SPREAD, 1 / SPREAD), repeat=4)  # the nominal springs first
     for factors in corners:
-        values = [getattr(drive, key).nominal * factor for key, factor in zip(keys, factors, strict=True)]
+        values = [getattr(drive, key).nominal * factor for key, factor in zip(SPRINGS, factors, strict=True)]
         errors = np.array(error(grid.reshape(1, -1), make(*values, *fixed), *values, *fixed))
         worst = max(worst, float(errors.max()) if np.isfinite(errors).all() else np.inf)
         if worst > ERROR:

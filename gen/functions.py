@@ -306,6 +306,11 @@ def _kinematics(model: Model, c: Any) -> list[Emitted]:
             "∂tip/∂q (2 × n, column by column), velocity of the tip, and dJ/dt q̇",
         ),
     ]
+    load = SX.sym("joint_torque", model.n)
+    twist = [
+        drive.torsion(load[j - 1], drive.springs(model.of_joint(j))) if j in model.flexible else SX(0) for j in model.joints
+    ]
+    out.append(Emitted(dense("torsion", {"joint_torque": load, "c": c}, {"torsion": ca.vertcat(*twist)}), "torsion of the springs under a torque, rad"))
     if chain.kinds == ("revolute", "revolute"):
         point = SX.sym("point", 2)
         both = chain.branches(point, p)

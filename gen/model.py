@@ -95,10 +95,12 @@ class Model:
         return tuple(self.joints) if effect.rigid else self.flexible
 
     def _quantities(self) -> tuple[Quantity, ...]:
-        found = [
-            Quantity(v.name, v.joint, v.unit, v.nominal, v.low, v.high, v.tolerance, v.meaning)
-            for v in parameters(self.robot)
-        ]
+        found = []
+        for v in parameters(self.robot):
+            low, high = v.low, v.high
+            if v.name.rpartition("_")[0] in drive.SPRINGS:  # where the springs' inverse keeps its error
+                low, high = v.nominal / drive.SPREAD, v.nominal * drive.SPREAD
+            found.append(Quantity(v.name, v.joint, v.unit, v.nominal, low, high, v.tolerance, v.meaning))
         stated = {(s.name, s.joint): s.parameters for s in self.robot.effects}
         for effect in self.effects:
             for j in self.applies(effect):

@@ -1,0 +1,333 @@
+"""A compiled arm: found or built, checked, loaded, and called from numpy.
+
+Vectors are named by the build's manifest; nothing about a model is typed twice here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, MutableMapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+SCHEMA = 1
+Array = NDArray[np.float64]
+
+
+class PlantError(Exception):
+    """A build that cannot be made, loaded or called; one sentence a problem."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the model; ``joint`` 0 is the whole arm."""
+
+    name: str
+    joint: int
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    tolerance: float
+    meaning: str
+
+
+class Parameters(MutableMapping[str, float]):
+    """The arm's parameters by name; setting one takes effect at the next call. Values outside the bounds are refused."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self.described = {q["name"]: Parameter(**q) for q in arm.manifest["parameters"]}
+        self._place = {name: k for k, name in enumerate(self.described)}
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._arm.p[self._found(name)])
+
+    def __setitem__(self, name: str, value: float) -> None:
+        self.update({name: value})
+
+    def update(self, *given: Any, **more: float) -> None:
+        """Set several at once: all of them, or none and PlantError with every problem."""
+        values = dict(*given, **more)
+        problems = []
+        for name, value in values.items():
+            described = self.described[list(self.described)[self._found(name)]]
+            if not (np.isfinite(value) and described.low <= value <= described.high):
+                problems.append(
+                    f"parameter {name}: {value} {described.unit} is not within [{described.low:g}, {described.high:g}]; "
+                    "take a value inside, or change the robot file and build again."
+                )
+        if problems:
+            raise PlantError("\n".join(problems))
+        p = self._arm.p.copy()
+        for name, value in values.items():
+            p[self._found(name)] = value
+        self._arm._prepare(p)
+
+    def reset(self) -> None:
+        """Back to the robot file's values."""
+        self._arm._prepare(np.array([q.nominal for q in self.described.values()]))
+
+    def __delitem__(self, name: str) -> None:
+        raise PlantError("a parameter cannot be deleted; set its amplitude to 0.")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.described)
+
+    def __len__(self) -> int:
+        return len(self.described)
+
+    def _found(self, name: str) -> int:
+        if name not in self._place:
+            raise PlantError(f"no parameter named {name}; there are {', '.join(self.described)}.")
+        return self._place[name]
+
+
+@dataclass(frozen=True)
+class StepJacobians:
+    """One step and its derivatives: next (nx), by_state (nx, nx), by_input (nx, nu), by_parameter (nx, np)."""
+
+    next: Array
+    by_state: Array
+    by_input: Array
+    by_parameter: Array
+
+
+class Arm:
+    """A loaded arm. x, u and p are ordered as ``state_names``, ``input_names`` and ``parameters`` say; units are SI.
+
+    ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. An arm belongs to one thread at a time.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.manifest, self.module = _open(folder)
+        self.robot: Mapping[str, Any] = self.manifest["robot"]
+        self.n = len(self.robot["joints"])
+        self.state_names = tuple(s["name"] for s in self.manifest["state"])
+        self.input_names = tuple(s["name"] for s in self.manifest["input"])
+        self.nx, self.nu = len(self.state_names), len(self.input_names)
+        self.step_size = float(self.robot["step"])
+        self._shapes = {f["name"]: (f["inputs"], f["outputs"]) for f in self.manifest["functions"]}
+        self.p: Array = np.array([q["nominal"] for q in self.manifest["parameters"]])
+        self.c: Array = np.empty(self.manifest["constants"])
+        self._prepare(self.p)
+        self.parameters = Parameters(self)
+
+    def __repr__(self) -> str:
+        return f"<arm '{self.robot['name']}': {self.n} joints, {self.nx} states, {self.manifest['profile']}, {self.folder.name}>"
+
+    def _prepare(self, p: Array) -> None:
+        self.module.bind("prepare", p, self.c).run()
+        self.p = p
+
+    def index(self, name: str) -> int:
+        """Place of a state or input by name."""
+        for names in (self.state_names, self.input_names):
+            if name in names:
+                return names.index(name)
+        raise PlantError(f"no state or input named {name}; states: {', '.join(self.state_names)}; inputs: {', '.join(self.input_names)}.")
+
+    # -- functions --------------------------------------------------------------------------------------------------
+
+    def evaluate(self, name: str, **inputs: ArrayLike) -> dict[str, Array]:
+        """An emitted function by name, for one set of inputs (length k each) or for N at once ((N, k) each; single ones serve all).
+
+        c is the arm's own unless given. Returns every output, (k,) or (N, k). PlantError for wrong names or lengths.
+        """
+        if name not in self._shapes:
+            raise PlantError(f"no function named {name}; there are {', '.join(self._shapes)}.")
+        ins, outs = self._shapes[name]
+        given: dict[str, Any] = {"c": self.c, **inputs} if any(a == "c" for a, _ in ins) else dict(inputs)
+        if set(given) != {a for a, _ in ins}:
+            raise PlantError(f"{name} takes {', '.join(a for a, _ in ins if a != 'c')}, not {', '.join(inputs)}.")
+        arrays = [_rows(given[a], k, f"{name}: {a}") for a, k in ins]
+        counts = {a.shape[0] for a in arrays if a.ndim == 2}
+        if len(counts) > 1:
+            raise PlantError(f"{name}: the inputs have {sorted(counts)} rows; give one number of rows.")
+        rows = counts.pop() if counts else 1
+        many = any(a.ndim == 2 for a in arrays)
+        results = [np.empty((rows, k)) for _, k in outs]
+        if rows:
+            self.module.map(name, rows, *arrays, *results)
+        return {a: r if many else r[0] for (a, _), r in zip(outs, results, strict=True)}
+
+    def rhs(self, x: ArrayLike, u: ArrayLike) -> Array:
+        """Rate of x (nx) or (N, nx), dry friction with the smooth sign."""
+        return self.evaluate("rhs", x=x, u=u)["rate"]
+
+    def outputs(self, x: ArrayLike, u: ArrayLike) -> dict[str, Array]:
+        """What exact sensors read: motor and joint positions and velocities, torsion, joint_torque, tip, tip_velocity, beyond_law."""
+        return self.evaluate("outputs", x=x, u=u)
+
+    def step(self, x: ArrayLike, u: ArrayLike, h: float | None = None, exact: bool = False) -> Array:
+        """State after h seconds (default: the robot's step) with u held; ``exact``: dry friction set-valued, sticking exactly."""
+        out = np.empty(self.nx)
+        size = np.array([self._length(h)])
+        self.module.bind("step_exact" if exact else "step", self._state(x), self._input(u), self.c, size, out).run()
+        return out
+
+    def jacobians(self, x: ArrayLike, u: ArrayLike, h: float | None = None) -> StepJacobians:
+        """One smooth step with its derivatives by state, input and parameters."""
+        nx, nu, many = self.nx, self.nu, len(self.p)
+        out, A, B, P = np.empty(nx), np.empty(nx * nx), np.empty(nx * nu), np.empty(nx * many)
+        size = np.array([self._length(h)])
+        self.module.bind("step_jacobian", self._state(x), self._input(u), self.p, size, out, A, B, P).run()
+        return StepJacobians(out, A.reshape(nx, nx).T, B.reshape(nu, nx).T, P.reshape(many, nx).T)
+
+    def rollout(
+        self, x0: ArrayLike, u: ArrayLike, dt: ArrayLike | None = None, exact: bool = False, most: float | None = None
+    ) -> Array:
+        """States over time ((T + 1, nx), the first is x0) with row k of u (T, nu) held for dt[k] seconds (one number: for all rows;
+        default: the robot's step), integrated in steps of at most ``most`` (default: the robot's step)."""
+        inputs = self._inputs(u)
+        times = self._times(dt, inputs.shape[0])
+        x = np.empty((inputs.shape[0] + 1, self.nx))
+        self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._length(most), 1, x)
+        return x
+
+    def rollout_batch(
+        self, x0: ArrayLike, u: ArrayLike, p: ArrayLike | None = None, dt: ArrayLike | None = None, most: float | None = None
+    ) -> Array:
+        """B rollouts at once, smooth friction: x0 (B, nx), u (B, T, nu) -> (B, T + 1, nx). ``p`` (B, np): parameters of each;
+        default: the arm's for all. Bounds of p are not checked here."""
+        starts, inputs = np.ascontiguousarray(x0, float), np.ascontiguousarray(u, float)
+        if inputs.ndim != 3 or starts.shape != (inputs.shape[0], self.nx) or inputs.shape[2] != self.nu:
+            raise PlantError(f"rollout_batch takes x0 (B, {self.nx}) and u (B, T, {self.nu}), not {starts.shape} and {inputs.shape}.")
+        count, rows, _ = inputs.shape
+        if not count:
+            raise PlantError("rollout_batch takes at least one trajectory.")
+        constants = self.c
+        if p is not None:
+            constants = self.evaluate("prepare", p=_rows(p, len(self.p), "p"))["c"]
+            if constants.shape != (count, len(self.c)):
+                raise PlantError(f"rollout_batch takes p ({count}, {len(self.p)}).")
+        x = np.empty((count, rows + 1, self.nx))
+        kind = 2 if p is None else 3
+        self.module.rollout(kind, starts, inputs, constants, self._times(dt, rows), self._length(most), count, x)
+        return x
+
+    def rest(self, q: ArrayLike, torque: ArrayLike | None = None) -> Array:
+        """State at rest at joint positions q (n) with each spring under ``torque`` (n, N m; default: what gravity asks)."""
+        joint = _rows(q, self.n, "q")
+        load = self.evaluate("gravity_torque", q=joint)["g"] if torque is None else _rows(torque, self.n, "torque")
+        twist = self.evaluate("torsion", joint_torque=load)["torsion"]
+        x = np.zeros(self.nx)
+        for j in range(1, self.n + 1):
+            x[self.index(f"joint_position_{j}")] = joint[j - 1]
+            if j in self.manifest["flexible"]:
+                x[self.index(f"motor_position_{j}")] = (joint[j - 1] + twist[j - 1]) * self.parameters[f"ratio_{j}"]
+        return x
+
+    # -- checks -----------------------------------------------------------------------------------------------------
+
+    def _state(self, x: ArrayLike) -> Array:
+        return _rows(x, self.nx, "x")
+
+    def _input(self, u: ArrayLike) -> Array:
+        return _rows(u, self.nu, "u")
+
+    def _inputs(self, u: ArrayLike) -> Array:
+        inputs = np.ascontiguousarray(u, float)
+        if inputs.ndim != 2 or inputs.shape[1] != self.nu:
+            raise PlantError(f"u must be (T, {self.nu}): {', '.join(self.input_names)}; it is {inputs.shape}.")
+        return inputs
+
+    def _times(self, dt: ArrayLike | None, rows: int) -> Array:
+        times = np.broadcast_to(np.asarray(self.step_size if dt is None else dt, float), (rows,))
+        if not (np.isfinite(times).all() and (times > 0).all()):
+            raise PlantError("dt must be positive and finite, s.")
+        return np.ascontiguousarray(times)
+
+    def _length(self, h: float | None) -> float:
+        size = self.step_size if h is None else float(h)
+        if not (np.isfinite(size) and size > 0):
+            raise PlantError(f"the step must be positive and finite, s, not {size}.")
+        return size
+
+
+def _rows(value: ArrayLike, length: int, what: str) -> Array:
+    array = np.ascontiguousarray(value, float)
+    if array.ndim not in (1, 2) or array.shape[-1] != length:
+        raise PlantError(f"{what} must have {length} entries, not the shape {array.shape}.")
+    if not np.isfinite(array).all():
+        raise PlantError(f"{what} holds NaN or infinity; give finite numbers.")
+    return array
+
+
+# -- finding and opening a build --------------------------------------------------------------------------------------
+
+
+def load(robot: str | Path = "paper", profile: str = "portable", effects: tuple[str, ...] = (), out: str | Path | None = None) -> Arm:
+    """The arm of a preset, a robot.toml, or a folder that `python -m gen build` made.
+
+    A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the model;
+    ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build). Raises PlantError.
+    """
+    if (Path(robot) / "manifest.json").is_file():
+        return Arm(Path(robot))
+    folder = Path(out or os.environ.get("HDAGEN_BUILD") or "build")
+    command = [sys.executable, "-m", "gen", "build", str(robot), "--profile", profile, "--out", str(folder)]
+    command += ["--effects", ",".join(effects)] if effects else []
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert child.stdout is not None and child.stderr is not None
+    said = []
+    for line in child.stderr:
+        said.append(line.rstrip())
+        if line.startswith("building"):
+            print(line.rstrip(), file=sys.stderr, flush=True)
+    printed = child.stdout.read().split("\n")
+    if child.wait():
+        raise PlantError("\n".join(said) or f"the build of {robot} failed without a word.")
+    return Arm(Path(printed[-2]))
+
+
+def _open(folder: Path) -> tuple[dict[str, Any], Any]:
+    """The manifest and the module of a build, after every check that keeps a foreign or damaged library out of the process."""
+    again = f"remove {folder} and build again with `python -m gen build`."
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text())
+    except (OSError, ValueError) as error:
+        raise PlantError(f"{folder}: manifest.json cannot be read ({error}); {again}") from None
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        raise PlantError(f"{folder}: the manifest's schema is not {SCHEMA}; {again}")
+    build = folder.resolve().name.rpartition("-")[2]
+    files = manifest.get("files")
+    name = manifest.get("library")
+    if manifest.get("build") != build or name != f"hda_{build}.so" or not isinstance(files, dict) or name not in files:
+        raise PlantError(f"{folder}: the manifest does not belong to this folder; {again}")
+    for file, digest in files.items():
+        path = folder / file
+        if Path(file).name != file or not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            raise PlantError(f"{folder}: {file} is missing or not what was built; {again}")
+    missing = [flag for flag in manifest.get("cpu", ()) if flag not in _cpu_flags()]
+    if missing:
+        raise PlantError(f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}")
+    spec = importlib.util.spec_from_file_location("hda", folder / name)
+    assert spec is not None and spec.loader is not None
+    try:
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except ImportError as error:
+        raise PlantError(f"{folder}: the library cannot be loaded ({error}); {again}") from None
+    if module.build != build:
+        raise PlantError(f"{folder}: the library is of another build than its manifest; {again}")
+    return manifest, module
+
+
+def _cpu_flags() -> set[str]:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return set()
+    lines = (line for line in text.splitlines() if line.startswith(("flags", "Features")))
+    return set(next(lines, ":").split(":", 1)[1].split())
