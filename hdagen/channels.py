@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _RUN = 5  # rows in a row at the same extreme that count as saturated
+_STILL = 0.01  # rad or m; less is compliance and control error of a joint that is held
 _WINDOW = 0.015  # s, of the boxcar that smooths before differentiating
 
 
@@ -15,33 +16,39 @@ _WINDOW = 0.015  # s, of the boxcar that smooths before differentiating
 class Channel:
     """A channel in numbers, SI.
 
-    Its extremes, the ``step`` its values are multiples of (0: none is seen), the standard deviation of its ``noise``
-    (that of its steps at least), and the share of rows in which it is held at an extreme.
+    Its extremes, how many ``levels`` it takes, the ``step`` they are multiples of (0: none is seen), the standard
+    deviation of its ``noise`` (that of its steps at least), and the share of rows in which it is held at an extreme.
     """
 
     name: str
     low: float
     high: float
+    levels: int
     step: float
     noise: float
     saturated: float
 
     @property
     def constant(self) -> bool:
-        """Whether it never leaves one value by more than one step."""
-        return self.high - self.low <= 1.5 * self.step or self.high == self.low
+        """Whether it never leaves one value."""
+        return self.high == self.low
+
+    @property
+    def moves(self) -> bool:
+        """Whether, as a position, it moves as a driven joint does, not as one that is held against the others."""
+        return self.levels >= 50 and self.high - self.low > max(_STILL, 50 * self.noise)
 
 
 def describe(name: str, values: np.ndarray) -> Channel:
     """The channel ``name`` with samples (T,)."""
-    step = quantisation(values)
-    spread = max(noise(values), step / math.sqrt(12))
-    return Channel(name, float(values.min()), float(values.max()), step, spread, _saturated(values))
-
-
-def quantisation(values: np.ndarray) -> float:
-    """The step of which all differences are multiples; 0 where there is none (fewer than five levels, or no grid)."""
     levels = np.unique(values)
+    step = quantisation(levels)
+    spread = max(noise(values), step / math.sqrt(12))
+    return Channel(name, float(levels[0]), float(levels[-1]), len(levels), step, spread, _saturated(values))
+
+
+def quantisation(levels: np.ndarray) -> float:
+    """The step that the sorted ``levels`` are multiples of, from the first; 0 where there is none, or too few."""
     if len(levels) < 5:
         return 0.0
     for rounding in (1e-7, 1e-9):  # float32 and text give one level several spellings, this far apart
@@ -129,11 +136,6 @@ def even(time: np.ndarray) -> Even:
     """Instants at the log's median period from its first to its last row."""
     period = float(np.median(np.diff(time)))
     return Even(time[0] + period * np.arange(max(2, int((time[-1] - time[0]) / period + 1.0 + 1e-6))), time)
-
-
-def moves(channel: Channel) -> bool:
-    """Whether a position moves far enough over its own steps and noise to be compared."""
-    return channel.high - channel.low > 50 * max(channel.noise, 1e-12) and not channel.constant
 
 
 def relation(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hdagen.channels import Channel, describe
 from hdagen.log import Log, gaps
-from hdagen.suspicion import inputs, positions
+from hdagen.suspicion import effort, inputs, positions
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
 __all__ = ["Finding", "Severity", "Triage", "triage"]
@@ -151,12 +151,12 @@ def _suspect(
         findings += positions.encoders(log, channels, machine, joint)
         findings += positions.rates(log, channels, joint) + positions.reference(log, channels, joint)
     findings += inputs.measured_against_command(log, lags, machine)
-    moving = inputs.motion(
+    moving = effort.motion(
         log, channels, machine.ratios, _sound(log, findings, ("wrapped", "jump", "swapped", "degrees"))
     )
-    swapped = inputs.swapped_inputs(log, channels, moving)
+    swapped = effort.swapped_inputs(log, channels, moving)
     if not swapped:
-        findings += inputs.signs(log, channels, moving, lags)
+        findings += effort.signs(log, channels, moving, lags)
     return findings + swapped
 
 
@@ -210,11 +210,17 @@ def _worth(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
                 findings.append(Finding(Severity.NOTE, "missing", joint, sentence))
     for name, channel in channels.items():
         joint = int(suffix) if (suffix := name.rpartition("_")[2]).isdigit() else 0
-        if channel.constant and not name.startswith("tip_force"):
-            position = "_position_" in name and "reference" not in name
-            what = "the joint did not move, nothing is learned about it" if position else "it says nothing"
-            severity = Severity.WARN if position else Severity.NOTE
-            findings.append(Finding(severity, "constant", joint, f"{name} stays at {channel.low:.5g}: {what}."))
+        if "_position_" in name and "reference" not in name and not channel.moves:
+            sentence = (
+                f"{name} stays between {channel.low:.5g} and {channel.high:.5g}: the joint was not moved, so nothing "
+            )
+            findings.append(
+                Finding(Severity.WARN, "still", joint, sentence + "is learned about it; record a log that moves it.")
+            )
+        elif channel.constant and not name.startswith("tip_force"):
+            findings.append(
+                Finding(Severity.NOTE, "constant", joint, f"{name} stays at {channel.low:.5g}: it says nothing.")
+            )
         if channel.saturated > 0.002 and name.rpartition("_")[0] in inputs.INPUTS:
             sentence = (
                 f"{name} sits at {channel.low:.4g} or {channel.high:.4g} in {100 * channel.saturated:.2g} % of the "

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from hdagen.channels import Channel, even, moves, relation
+from hdagen.channels import Channel, even, relation
 from hdagen.log import Log, gaps
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
@@ -22,7 +22,7 @@ def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
     after_gap[gaps(log.time)[0]] = True
     for name, channel in channels.items():
         joint = int(name.rpartition("_")[2]) if "_position_" in name else 0
-        if not joint or channel.constant or len(log) < 10 or channel.high - channel.low < 20 * channel.step:
+        if not joint or not channel.moves or len(log) < 10:
             continue
         moves = np.diff(log[name])
         padded = np.pad(moves, 2, mode="edge")
@@ -110,7 +110,7 @@ def steps(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
 def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> list[Finding]:
     """Motor against joint position: their slope is the ratio, or it says what is wrong."""
     motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
-    if motor not in channels or link not in channels or not (moves(channels[motor]) and moves(channels[link])):
+    if motor not in channels or link not in channels or not (channels[motor].moves and channels[link].moves):
         return []
     ratio = machine.ratios[joint - 1]
     slope, correlation = relation(log[link], log[motor])
@@ -162,7 +162,7 @@ def rates(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding
     findings: list[Finding] = []
     for side in ("motor", "joint"):
         position, velocity = f"{side}_position_{joint}", f"{side}_velocity_{joint}"
-        if position not in channels or velocity not in channels or not moves(channels[position]):
+        if position not in channels or velocity not in channels or not channels[position].moves:
             continue
         grid = even(log.time)
         rate, logged = grid.rate(grid.smooth(log[position])), grid.smooth(log[velocity])
@@ -174,9 +174,9 @@ def rates(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding
 def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding]:
     """The reference against the joint's position."""
     position, reference = f"joint_position_{joint}", f"joint_position_reference_{joint}"
-    if position not in channels or reference not in channels or not moves(channels[position]):
+    if position not in channels or reference not in channels or not channels[position].moves:
         return []
-    if channels[reference].constant:
+    if not channels[reference].moves:
         return []
     return _same(log[position], log[reference], reference, position, "", joint)
 
@@ -209,7 +209,7 @@ def swapped_encoders(log: Log, channels: Mapping[str, Channel], sound: list[int]
     joints = [
         j
         for j in sound
-        if all(name in channels and moves(channels[name]) for name in (f"motor_position_{j}", f"joint_position_{j}"))
+        if all(name in channels and channels[name].moves for name in (f"motor_position_{j}", f"joint_position_{j}"))
     ]
     follows = {
         (i, j): abs(relation(log[f"joint_position_{j}"], log[f"motor_position_{i}"])[1]) for i in joints for j in joints

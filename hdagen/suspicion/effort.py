@@ -1,0 +1,163 @@
+"""Mistakes that show once an input is held against the motion it makes: a reversed sign, swapped joints.
+
+An input is fitted by what it can be made of: the joints' accelerations, the joint's own friction, a spring, gravity and
+the tip force. In any machine the joint's own inertia has a positive share, and friction takes power.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.channels import Channel, Even, even
+from hdagen.log import Log
+from hdagen.suspicion.finding import Finding, Severity
+from hdagen.suspicion.inputs import INPUTS, Lag
+
+# A sign is reversed where the inertia's share is this many standard deviations below zero and the power that friction
+# takes this share of the largest possible, very clear in the one or clear in both, and the fit explains the input.
+_SURE_INERTIA, _SURE_POWER = -20.0, -0.03
+_INERTIA, _POWER = -5.0, -0.15
+_EXPLAINED = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How the joints move, smoothed, on the grid ``even``: each (n, T); joints that do not move are left out.
+
+    ``force`` (2, T) is the tip force, zero where none is logged.
+    """
+
+    grid: Even
+    joints: tuple[int, ...]
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    force: np.ndarray
+
+    def values(self, log: Log, name: str) -> np.ndarray:
+        """The column ``name`` as the terms are: smoothed, one row a window, so that rows are about independent."""
+        return self.grid.smooth(log[name])[:: self.grid.width]
+
+
+def motion(log: Log, channels: Mapping[str, Channel], ratios: tuple[float, ...], sound: list[int]) -> Motion:
+    """The motion of the joints in ``sound``, from the joint encoder or, without one, the motor's."""
+    grid = even(log.time)
+    used, positions = [], []
+    for joint in sound:
+        for name, scale in ((f"joint_position_{joint}", 1.0), (f"motor_position_{joint}", 1 / ratios[joint - 1])):
+            if name in channels and channels[name].moves:
+                used.append(joint)
+                positions.append(scale * grid.smooth(log[name]))
+                break
+    velocities = [grid.rate(position) for position in positions]
+    accelerations = [grid.rate(velocity) for velocity in velocities]
+    force = np.zeros((2, len(grid.time)))
+    if "tip_force_x" in log and "tip_force_y" in log:
+        force = np.array([grid.smooth(log["tip_force_x"]), grid.smooth(log["tip_force_y"])])
+    return Motion(grid, tuple(used), np.array(positions), np.array(velocities), np.array(accelerations), force)
+
+
+def swapped_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> list[Finding]:
+    """Pairs of joints whose current or torque is explained by the other one's motion, and not by their own."""
+    findings: list[Finding] = []
+    for base in INPUTS:
+        driven = [j for j in moving.joints if f"{base}_{j}" in channels and not channels[f"{base}_{j}"].constant]
+        left = {}  # share of the input of i that the motion of j does not explain
+        for i in driven:
+            values = moving.values(log, f"{base}_{i}")
+            for j in driven:
+                one = moving.joints.index(j)
+                left[i, j] = 1 - _fit(_terms(moving, one, [one]), values).explained
+        for i, j in left:
+            crossed, own = (left[i, j], left[j, i]), (left[i, i], left[j, j])
+            if i < j and max(crossed) < 0.3 and all(c < 0.35 * o for c, o in zip(crossed, own, strict=True)):
+                shares = f"explains {100 - 100 * left[i, j]:.0f} %, that of joint {i} {100 - 100 * left[i, i]:.0f} %"
+                sentence = (
+                    f"{base}_{i} goes with the motion of joint {j} ({shares}) and {base}_{j} with that of joint {i}: "
+                    "swapped; exchange their 'from' in columns.toml, or those of the encoders."
+                )
+                findings += [Finding(Severity.REFUSE, "swapped", joint, sentence) for joint in (i, j)]
+    return findings
+
+
+def signs(log: Log, channels: Mapping[str, Channel], moving: Motion, lags: Mapping[str, Lag]) -> list[Finding]:
+    """Inputs that accelerate their joint backwards and gain power from friction: reversed."""
+    findings = []
+    for one, joint in enumerate(moving.joints):
+        terms = _terms(moving, one, list(range(len(moving.joints))))
+        for base in INPUTS:
+            name = f"{base}_{joint}"
+            if name not in channels or channels[name].constant or len(terms) < 5 * terms.shape[1]:
+                continue
+            fit = _fit(terms, moving.values(log, name))
+            inertia, power = fit.certainty(one), _friction_power(fit, terms, moving, one)
+            says = (
+                f"{name} pushes against the motion (the inertia it sees is {-inertia:.0f} standard deviations below "
+                f"zero, its friction gives {-100 * power:.0f} % of the largest possible power)"
+            )
+            repair = f"set sign = -1 under [{name}] in columns.toml, or under both positions of joint {joint}"
+            sure = inertia < _SURE_INERTIA and power < _SURE_POWER or inertia < _INERTIA and power < _POWER
+            if sure and fit.explained > _EXPLAINED:
+                findings.append(Finding(Severity.REFUSE, "reversed", joint, f"{says}: its sign is reversed; {repair}."))
+            elif sure:
+                sentence = f"{says}: a reversed sign, or a hand that moved the arm? If it is the sign, {repair}."
+                findings.append(Finding(Severity.WARN, "reversed", joint, sentence))
+    refused = {finding.joint for finding in findings if finding.severity is Severity.REFUSE}
+    for name, lag in lags.items():
+        joint = int(name.rpartition("_")[2])
+        if lag.slope < 0 and joint not in refused:
+            sentence = (
+                f"{name} is {lag.slope:.3g} times its command: one of the two is reversed; set sign = -1 under it, "
+                "whichever it is, in columns.toml."
+            )
+            findings.append(Finding(Severity.REFUSE, "reversed", joint, sentence))
+    return findings
+
+
+def _terms(moving: Motion, one: int, accelerating: list[int]) -> np.ndarray:
+    """What the input of the joint at index ``one`` can be made of, (rows, terms), each of unit size.
+
+    The accelerations of ``accelerating`` first, then viscous and Coulomb friction, a constant, a spring, and gravity
+    and the tip force on the joint's own link and those beyond.
+    """
+    velocity, position = moving.velocity[one], moving.position[one]
+    slow = max(0.05 * float(np.quantile(np.abs(velocity), 0.9)), 1e-12)
+    terms = [moving.acceleration[k] for k in accelerating]
+    terms += [velocity, np.tanh(velocity / slow), np.ones_like(velocity), position]
+    for angle in np.cumsum(moving.position, axis=0)[one:]:
+        terms += [np.sin(angle), np.cos(angle), np.cos(angle) * moving.force[1] - np.sin(angle) * moving.force[0]]
+    matrix = np.array(terms).T[:: moving.grid.width]
+    return matrix / np.maximum(np.abs(matrix).max(axis=0), 1e-300)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A least-squares fit: the coefficients, their covariance, and the share of the variance that it explains."""
+
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    explained: float
+    size: float  # standard deviation of what was fitted
+
+    def certainty(self, term: int) -> float:
+        """A coefficient in standard deviations of its own."""
+        return float(self.coefficients[term] / math.sqrt(max(self.covariance[term, term], 1e-300)))
+
+
+def _fit(terms: np.ndarray, values: np.ndarray) -> _Fit:
+    coefficients = np.linalg.lstsq(terms, values, rcond=1e-8)[0]
+    left, all_ = float(np.var(values - terms @ coefficients)), float(np.var(values))
+    covariance = left * np.linalg.pinv(terms.T @ terms, rcond=1e-12)
+    return _Fit(coefficients, covariance, 1 - left / max(all_, 1e-300), math.sqrt(all_))
+
+
+def _friction_power(fit: _Fit, terms: np.ndarray, moving: Motion, one: int) -> float:
+    """The mean power that the fitted friction takes, as a share of the largest possible."""
+    friction = slice(len(moving.joints), len(moving.joints) + 2)
+    velocity = moving.velocity[one][:: moving.grid.width]
+    taken = float(np.mean((terms[:, friction] @ fit.coefficients[friction]) * velocity))
+    return taken / max(fit.size * float(np.std(velocity)), 1e-300)
