@@ -1,0 +1,274 @@
+"""The arm moving: the whole arm, a close-up of its tip, and the pushes as arrows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hdagen.pages import frame
+from hdagen.pages.frame import LAYOUTS, WIDE, Layout, group, letters
+from hdagen.pages.markup import tag
+from hdagen.pages.palette import CYCLE
+from hdagen.pages.plot import path
+from hdagen.pages.quantity import number
+from hdagen.pages.thin import Array, packed, samples
+
+FRAMES = 1500  # that travel with the page; the script interpolates between them
+POSES = 7  # of each arm in the still picture
+ARROW = 0.24  # length of the largest force, in heights of the view
+CLOSE = 0.4  # the tip gets a view of its own where it stays within this share of the arm's extent
+Push = tuple[float, float, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """``points`` (T, n + 1, 2): base, joints and tip at every sample, m, base frame (x right, y up)."""
+
+    label: str
+    points: ArrayLike
+    color: str | None = None
+
+
+@dataclass(frozen=True)
+class _View:
+    """A window on the plane: its lower left corner in m, pixels a metre, size in px."""
+
+    name: str
+    close: bool
+    left: float
+    low: float
+    scale: float
+    width: float
+    height: float
+
+    def place(self, points: Array) -> tuple[Array, Array]:
+        return (points[..., 0] - self.left) * self.scale, self.height - (points[..., 1] - self.low) * self.scale
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What both drawings show. ``arms`` holds label, colour and points (F, n + 1, 2)."""
+
+    time: Array
+    arms: tuple[tuple[str, str, Array], ...]
+    target: Array
+    pushes: tuple[Push, ...]
+
+
+def arm(
+    title: str,
+    time: ArrayLike,
+    arms: Sequence[Arm],
+    *,
+    target: ArrayLike | None = None,
+    pushes: Sequence[Push] = (),
+    seconds: float | None = None,
+    caption: str = "",
+    link: str = "",
+) -> str:
+    """The ``arms`` over ``time`` (T,), s, ascending, with the ``target`` path (K, 2) of the tip.
+
+    ``pushes`` are (start, end, (force x, force y)), s and N, on the tip, base frame. ``seconds`` is how long it plays;
+    default: as long as it took. Without the script it is a still picture of several poses. Figures of one ``link``
+    follow its time. ValueError where shapes do not fit.
+    """
+    scene = _scene(title, time, arms, target, pushes)
+    words = f"{title}: {', '.join(label for label, _, _ in scene.arms)}, with the path of the tip"
+    drawings = "".join(_drawing(layout, words, scene) for layout in LAYOUTS)
+    start = float(scene.time[0]) if scene.time.size else 0.0
+    length = float(scene.time[-1]) - start if scene.time.size else 0.0
+    data = {
+        "start": start,
+        "arrow": ARROW,
+        "time": packed(scene.time - start),
+        "seconds": length if seconds is None else float(seconds),
+        "arms": [
+            {"label": label, "color": color, "points": packed(points.ravel())} for label, color, points in scene.arms
+        ],
+        "joints": scene.arms[0][2].shape[1] if scene.arms else 0,
+        "pushes": [[float(begin), float(end), [float(x), float(y)]] for begin, end, (x, y) in pushes],
+    }
+    return frame.figure("arm", title, drawings, caption=caption, data=data, link=link)
+
+
+def _scene(
+    title: str, time: ArrayLike, arms: Sequence[Arm], target: ArrayLike | None, pushes: Sequence[Push]
+) -> _Scene:
+    moments = samples(time)
+    if np.isnan(moments).any() or np.any(np.diff(moments) < 0):
+        raise ValueError(f"animation {title!r}: time must be finite and ascending; sort the samples")
+    clouds = []
+    for one in arms:
+        points = np.asarray(one.points, dtype=np.float64)
+        if points.ndim != 3 or points.shape[0] != moments.size or points.shape[1] < 2 or points.shape[2] != 2:
+            raise ValueError(
+                f"animation {title!r}, arm {one.label!r}: points have shape {points.shape}; "
+                f"give ({moments.size} samples, joints + 1 ≥ 2, 2)"
+            )
+        clouds.append(points)
+    if len({points.shape[1] for points in clouds}) > 1:
+        raise ValueError(f"animation {title!r}: the arms differ in their number of joints; show them one by one")
+    whole = np.ones(moments.size, dtype=bool)
+    for points in clouds:
+        whole &= np.isfinite(points).all(axis=(1, 2))
+    rows = np.flatnonzero(whole)
+    rows = (
+        rows[np.unique(np.linspace(0, rows.size - 1, min(rows.size, FRAMES)).round().astype(int))]
+        if rows.size
+        else rows
+    )
+    way = np.zeros((0, 2)) if target is None else np.asarray(target, dtype=np.float64).reshape(-1, 2)
+    named = [(one.label, one.color or CYCLE[at % len(CYCLE)]) for at, one in enumerate(arms)]
+    return _Scene(
+        moments[rows],
+        tuple((label, color, points[rows]) for (label, color), points in zip(named, clouds, strict=True)),
+        way[np.isfinite(way).all(axis=1)],
+        tuple(pushes),
+    )
+
+
+def _drawing(layout: Layout, words: str, scene: _Scene) -> str:
+    """The views beside each other, or one below the other on a narrow layout, under the key of the arms."""
+    font = layout.font
+    parts, x = [], 0.0
+    for label, color, _ in scene.arms:
+        sample = tag(
+            "path", d=f"M{x + 3:.1f} {0.7 * font:.1f}h18", stroke="currentColor", stroke_width=5, stroke_linecap="round"
+        )
+        parts += [group(color, sample), letters(x + 30, 1.05 * font, label)]
+        x += 48 + frame.text_width(label, font)
+    if scene.target.size:
+        sample = tag(
+            "path", d=f"M{x:.1f} {0.7 * font:.1f}h24", stroke="currentColor", stroke_width=2, stroke_dasharray="5 4"
+        )
+        parts += [group("grey", sample), letters(x + 30, 1.05 * font, "target")]
+    top, views = 2 * font, _views(layout, scene)
+    left = lowest = 0.0
+    for view in views:
+        place = f"translate({left:.1f} {top:.1f})"
+        parts.append(
+            tag(
+                "g",
+                tag("rect", width=view.width, height=view.height, rx=4, fill_opacity=0.035),
+                _still(view, scene),
+                letters(10.0, 1.6 * font, view.name, strong=True),
+                _ruler(view, font),
+                class_="view",
+                transform=place,
+                data_view=f"{view.left!r} {view.low!r} {view.scale!r} {view.height!r}",
+            )
+        )
+        lowest = top + view.height
+        left, top = (left + view.width + 16, top) if layout is WIDE else (0.0, lowest + 12)
+    return frame.drawing(layout, layout.width, round(lowest + 4, 1), words, *parts)
+
+
+def _views(layout: Layout, scene: _Scene) -> list[_View]:
+    tips = [points[:, -1] for _, _, points in scene.arms]
+    close = np.concatenate([*tips, scene.target, np.zeros((0, 2))])
+    whole = np.concatenate([close, *(points.reshape(-1, 2) for _, _, points in scene.arms)])
+    if not close.size:
+        return [_View("no data", True, 0.0, 0.0, 1.0, layout.width, 80.0)]
+    apart = np.ptp(close, axis=0).max() < CLOSE * np.ptp(whole, axis=0).max()
+    half = (layout.width - 16) / 2 if layout is WIDE else layout.width
+    if not apart:
+        return [_view("", True, whole, layout.width, half)]
+    return [_view("whole arm", False, whole, half, 0.92 * half), _view("tip", True, close, half, 0.92 * half)]
+
+
+def _view(name: str, close: bool, points: Array, width: float, height: float) -> _View:
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = np.maximum(high - low, 1e-6)
+    scale = float(min(width / size[0], height / size[1]) * 0.68)
+    corner = (low + high) / 2 - np.array([width, height]) / scale / 2
+    return _View(name, close, float(corner[0]), float(corner[1]), scale, width, height)
+
+
+def _still(view: _View, scene: _Scene) -> str:
+    """Paths, poses and arrows as they stand in print; the script moves what is of class live."""
+    size = scene.time.size
+    poses = np.unique(np.linspace(0, size - 1, POSES).round().astype(int)).tolist() if size else []
+    parts = [_base(view, scene.arms[0][2][0, 0])] if scene.arms and size else []
+    parts.append(group("grey", _line(path(*view.place(scene.target)), 1.6, dash="5 4")))
+    for rank, (_, color, points) in enumerate(scene.arms):
+        still = "".join(_pose(view, points[at], 0.15, 6) for at in poses) if rank == 0 else ""
+        parts.append(group(color, tag("g", still, class_="poses"), _line(path(*view.place(points[:, -1])), 1.3)))
+    for begin, end, force in scene.pushes:
+        at = int(np.searchsorted(scene.time, (begin + end) / 2))
+        if scene.arms and at < size:
+            arrow = _arrow(view, scene.arms[0][2][at, -1], force, _longest(scene.pushes))
+            parts.append(tag("g", arrow, class_="arrows", opacity=0.75))
+    for rank, (_, color, points) in enumerate(scene.arms):  # the first is the thickest, so that none hides another
+        live = _pose(view, points[0], 0.9, 5 + 4 * (len(scene.arms) - 1 - rank)) if size else ""
+        parts.append(group(color, _line("", 2.6, class_="trail"), live, class_="live"))
+    parts.append(tag("g", _arrow(view, np.zeros(2), (0.0, 0.0), 1.0), class_="push", visibility="hidden"))
+    return tag("svg", *parts, width=view.width, height=view.height)
+
+
+def _line(
+    d: str, width: float, *, dash: str | None = None, opacity: float | None = None, class_: str | None = None
+) -> str:
+    return tag(
+        "path",
+        d=d,
+        class_=class_,
+        fill="none",
+        stroke="currentColor",
+        stroke_width=width,
+        stroke_dasharray=dash,
+        stroke_opacity=opacity,
+        stroke_linecap="round",
+        stroke_linejoin="round",
+    )
+
+
+def _pose(view: _View, points: Array, opacity: float, thick: float) -> str:
+    """Links and joints; the script writes the same two paths."""
+    x, y = view.place(points)
+    links = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+    joints = "".join(f"M{a:.1f} {b:.1f}h.01" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+    return _line(links, thick, opacity=opacity, class_="links") + _line(
+        joints, 2 * thick, opacity=opacity, class_="joints"
+    )
+
+
+def _base(view: _View, foot: Array) -> str:
+    x, y = view.place(foot)
+    hatch = "".join(f"M{x - 16 + 8 * at:.1f} {y + 15:.1f}l-6 7" for at in range(5))
+    outline = f"M{x:.1f} {y:.1f}l-11 15h22zM{x - 20:.1f} {y + 15:.1f}h40{hatch}"
+    return group("grey", _line(outline, 1.5))
+
+
+def _longest(pushes: Sequence[Push]) -> float:
+    return max((math.hypot(*force) for _, _, force in pushes), default=0.0) or 1.0
+
+
+def _arrow(view: _View, tip: Array, force: tuple[float, float], longest: float) -> str:
+    """An arrow that ends at the tip of the arm, as what pushes does; drawn along x and turned. Its size stands at its
+    end where there is room."""
+    x, y = view.place(tip)
+    size = math.hypot(*force)
+    length = ARROW * view.height * size / longest
+    angle = math.degrees(math.atan2(-force[1], force[0]))
+    shaft = _line(f"M{-length - 8:.1f} 0H-16", 3.2, class_="shaft")
+    head = tag("path", d="M-8 0l-13 -6v12z", class_="head")
+    turned = tag("g", shaft, head, transform=f"rotate({angle:.1f})", class_="turn")
+    across, down = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    at_x, at_y = -across * (length + 30), -down * (length + 22) + 4
+    words = letters(round(at_x, 1), round(at_y, 1), f"{number(size, 3)} N", anchor="middle", strong=True, halo=True)
+    return group("ink", turned, words if view.close else "", transform=f"translate({x:.1f} {y:.1f})")
+
+
+def _ruler(view: _View, font: float) -> str:
+    """A round length in the lower right corner."""
+    room = 0.28 * view.width / view.scale
+    power = 10.0 ** math.floor(math.log10(room))
+    length = next(step for step in (5, 2, 1) if step * power <= room) * power
+    x, y = view.width - 12 - length * view.scale, view.height - 12
+    bar = _line(f"M{x:.1f} {y - 4:.1f}v4h{length * view.scale:.1f}v-4", 1.3)
+    text = f"{number(length)} m" if length >= 1 else f"{number(1000 * length)} mm"
+    return bar + letters(view.width - 12 - length * view.scale / 2, y - 0.6 * font, text, anchor="middle", faint=True)

@@ -1,0 +1,90 @@
+"""An axis: from values to pixels, and where its ticks stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hdagen.pages.quantity import RAISED, Quantity, fixed, quantity
+from hdagen.pages.thin import Array
+
+SLACK = 0.01  # of a step: a record of 9.999 s still ends at a tick of 10 s
+
+
+@dataclass(frozen=True)
+class Axis:
+    """``low`` < ``high`` in base units; both positive where ``log``."""
+
+    low: float
+    high: float
+    quantity: Quantity
+    log: bool = False
+
+    def place(self, values: Array, pixels: float) -> Array:
+        """Distance from the low end in pixels, for an axis that is ``pixels`` long; NaN stays NaN."""
+        if not self.log:
+            return (values - self.low) / (self.high - self.low) * pixels
+        with np.errstate(invalid="ignore", divide="ignore"):
+            logs = np.log(np.where(values > 0, values, np.nan))
+        return (logs - math.log(self.low)) / (math.log(self.high) - math.log(self.low)) * pixels
+
+    def ticks(self, count: int) -> list[tuple[float, str]]:
+        """About ``count`` round values in base units with their text."""
+        return _decades(self, count) if self.log and self.high / self.low >= 10 else _steps(self, count)
+
+    def widened(self, span: float) -> Axis:
+        """The same axis with its middle kept and ``span`` from low to high."""
+        middle = (self.low + self.high) / 2
+        return replace(self, low=middle - span / 2, high=middle + span / 2)
+
+
+def fit(label: str, columns: Sequence[Array], *, log: bool = False, margin: float = 0.05) -> Axis:
+    """The axis that holds all finite ``columns`` (positive ones where ``log``) with ``margin`` of its span to spare."""
+    values = np.concatenate([np.ravel(column) for column in columns] or [np.zeros(0)])
+    values = values[np.isfinite(values) & ((values > 0) | (not log))]
+    if values.size == 0:
+        return Axis(0.1 if log else 0.0, 1.0, quantity(label, 1.0), log)
+    low, high = float(values.min()), float(values.max())
+    named = quantity(label, 1.0 if log else max(abs(low), abs(high)))
+    if log:
+        spare = (high / low) ** margin if high > low else 2.0
+        return Axis(low / spare, high * spare, named, True)
+    span = high - low
+    if span <= 1e-9 * max(abs(low), abs(high)):  # constant: a picture of rounding errors would mislead
+        half = max(abs(low), abs(high)) / 2 or 1.0
+        return Axis(low - half, high + half, named)
+    return Axis(low - margin * span, high + margin * span, named)
+
+
+def _steps(axis: Axis, count: int) -> list[tuple[float, str]]:
+    """Multiples of 1, 2 or 5 times a power of ten."""
+    factor = axis.quantity.factor
+    low, high = axis.low * factor, axis.high * factor
+    rough = (high - low) / max(count, 1)
+    power = math.floor(math.log10(rough))
+    step = max(step for step in (1, 2, 5, 10) if step * 10.0**power <= 1.5 * rough) * 10.0**power
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    first, last = math.ceil(low / step - SLACK), math.floor(high / step + SLACK)
+    return [(at * step / factor, fixed(at * step, decimals)) for at in range(first, last + 1)]
+
+
+def _decades(axis: Axis, count: int) -> list[tuple[float, str]]:
+    """Powers of ten, with 2 and 5 between them where there is room, or every so many of them where there is not."""
+    first, last = math.ceil(math.log10(axis.low) - 1e-9), math.floor(math.log10(axis.high) + 1e-9)
+    decades = last - first + 1
+    if 3 * decades <= count:
+        values = [(m, p) for p in range(first - 1, last + 1) for m in (1, 2, 5) if axis.low <= m * 10.0**p <= axis.high]
+    else:
+        values = [(1, power) for power in range(first, last + 1, max(1, math.ceil(decades / max(count, 1))))]
+    plain = first >= -3 and last <= 4
+    return [(m * 10.0**p, _power_text(m, p, plain)) for m, p in values]
+
+
+def _power_text(mantissa: int, power: int, plain: bool) -> str:
+    if plain or power == 0:
+        return fixed(mantissa * 10.0**power, max(0, -power))
+    raised = f"10{str(power).translate(RAISED)}"
+    return raised if mantissa == 1 else f"{mantissa}·{raised}"

@@ -1,0 +1,49 @@
+"""The numbers that travel with a figure, from which the script reads out, zooms and writes the CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hdagen.pages.axis import Axis
+from hdagen.pages.plot import Plot
+from hdagen.pages.thin import Array, packed
+
+
+def embedded(plots: Sequence[Plot], *, shared: bool) -> dict[str, object]:
+    """``columns`` of packed numbers in base units, and for each plot which of them its curves are made of.
+
+    ``shared``: all curves have the x of the first. The values of a column are ``start`` + its packed floats, so that
+    the time of day of a clock loses nothing.
+    """
+    columns: list[dict[str, object]] = []
+
+    def column(label: str, values: Array) -> int:
+        finite = values[~np.isnan(values)]
+        start = float(finite[0]) if finite.size else 0.0
+        columns.append({"label": label, "start": start, "data": packed(values - start)})
+        return len(columns) - 1
+
+    described = []
+    for plot in plots:
+        curves = []
+        for trace in plot.traces:
+            name = " ".join(part for part in (plot.heading, trace.label) if part)
+            of = f"{name}: " if name else ""
+            x_label, y_label = plot.x.quantity.base_label, plot.y.quantity.base_label
+            x = 0 if shared and columns else column(x_label if shared else of + x_label, trace.x)
+            curve: dict[str, object] = {"x": x, "y": column(of + y_label, trace.y)}
+            if trace.spread:
+                low, high = trace.spread
+                curve["spread"] = [column(f"{of}low {y_label}", low), column(f"{of}high {y_label}", high)]
+            if trace.time is not None:
+                curve["time"] = column(f"{of}time (s)", trace.time)
+            curves.append(curve | {"label": trace.label, "color": trace.color, "draw": trace.draw})
+        axes = {"x": _axis(plot.x), "y": _axis(plot.y), "equal": plot.equal}
+        described.append({"heading": plot.heading, "curves": curves} | axes)
+    return {"shared": shared, "columns": columns, "plots": described}
+
+
+def _axis(axis: Axis) -> dict[str, object]:
+    return {"name": axis.quantity.name, "unit": axis.quantity.unit, "factor": axis.quantity.factor, "log": axis.log}

@@ -1,0 +1,13 @@
+"""Figures: numbers in, one HTML ``figure`` element out, as a string.
+
+Every function is pure: the same numbers give the same text. Labels are "name (unit)" with SI base units. A figure is
+readable without its script; with it, it reads out values under the cursor, zooms by dragging (double click: back) and
+can be saved as SVG, and its numbers as CSV in base units.
+"""
+
+from hdagen.pages.bars import Bars, bars
+from hdagen.pages.curves import Curve, Panel, Plane, Series, lines, panels, planes, xy
+from hdagen.pages.heat import heat
+from hdagen.pages.table import table
+
+__all__ = ["Bars", "Curve", "Panel", "Plane", "Series", "bars", "heat", "lines", "panels", "planes", "table", "xy"]

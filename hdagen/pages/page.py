@@ -1,0 +1,129 @@
+"""The page: title, verdict, sections with figures, how to reproduce it; one file that asks nothing of the network."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from hdagen.pages import palette
+from hdagen.pages.markup import clean, escape, paragraphs, tag
+
+SCRIPTS = ("axis.js", "frame.js", "curves.js", "heat.js", "animation.js", "page.js")  # page.js starts the others
+
+
+@dataclass(frozen=True)
+class Section:
+    """``text`` is plain: an empty line ends a paragraph, lines that start with four spaces are code.
+
+    ``figures`` are what ``figure`` and ``animation`` return; nothing else may stand there, for it is not escaped.
+    """
+
+    heading: str
+    text: str
+    figures: Sequence[str] = ()
+
+
+def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str) -> str:
+    """The whole page as text. The same arguments give the same bytes.
+
+    ``verdict`` is the one sentence to take home; ``reproduce`` says which commands make the page again (set like a
+    section's text).
+    """
+    style = palette.style() + _part("style.css")
+    script = "".join(_part(name) for name in SCRIPTS)
+    policy = (
+        f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    names = _anchors(section.heading for section in sections)
+    links = "".join(
+        tag("li", tag("a", escape(section.heading), href=f"#{name}"))
+        for section, name in zip(sections, names, strict=True)
+    )
+    body = [
+        tag("header", tag("h1", escape(title)), tag("p", escape(verdict), class_="verdict")),
+        tag("nav", tag("ul", links), aria_label="Contents") if len(sections) > 2 else "",
+        tag("main", *(_section(section, name) for section, name in zip(sections, names, strict=True))),
+        tag("footer", tag("h2", "How to reproduce this page"), paragraphs(reproduce)),
+    ]
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta name="color-scheme" content="light dark">',
+            '<link rel="icon" href="data:,">',
+            f"<title>{escape(title)}</title>",
+            f"<style>{style}</style>",
+            "</head>",
+            "<body>",
+            *(part for part in body if part),
+            f'<script type="module">{script}</script>',
+            "</body>",
+            "</html>",
+            "",
+        ]
+    )
+
+
+def write(path: str | os.PathLike[str], title: str, verdict: str, sections: Sequence[Section], reproduce: str) -> None:
+    """Render the page into ``path``: whole or not at all; what stood there stays until the new page is complete.
+
+    OSError, with the place in its sentence, where the file cannot be written.
+    """
+    target = Path(path)
+    text = render(title, verdict, sections, reproduce).encode("utf-8")
+    try:
+        _replace(target, text)
+    except OSError as problem:
+        reason = f"the page cannot be written, and what stood there is unchanged: {problem.strerror}"
+        raise OSError(problem.errno, reason, str(target)) from problem
+
+
+def _replace(target: Path, content: bytes) -> None:
+    """Write beside ``target``, then rename over it; nothing is left behind on failure."""
+    handle, name = tempfile.mkstemp(prefix=f".{target.name[:40]}.", dir=target.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(name, 0o644)
+        os.replace(name, target)
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+def _section(section: Section, name: str) -> str:
+    return tag("section", tag("h2", escape(section.heading)), paragraphs(section.text), *section.figures, id=name)
+
+
+def _anchors(headings: Iterable[str]) -> list[str]:
+    """One identifier for each heading, made of its letters, each different."""
+    names: list[str] = []
+    for heading in headings:
+        name = re.sub(r"[^a-z0-9]+", "-", clean(heading).lower()).strip("-")[:40] or "section"
+        count = sum(other == name or re.fullmatch(re.escape(name) + r"-\d+", other) is not None for other in names)
+        names.append(f"{name}-{count + 1}" if count else name)
+    return names
+
+
+def _part(name: str) -> str:
+    """A file that ships with the package, fit to stand inside an element of the page."""
+    return resources.files("hdagen.pages").joinpath(name).read_text("utf-8").replace("\r\n", "\n")
+
+
+def _digest(text: str) -> str:
+    """The hash by which the page's policy allows this one inline text and no other."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

@@ -1,0 +1,250 @@
+"""One pair of axes with its curves, and several of them arranged in rows and columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hdagen.pages.axis import Axis
+from hdagen.pages.frame import Layout, group, letters, text_width
+from hdagen.pages.markup import tag
+from hdagen.pages.palette import DASHES
+from hdagen.pages.thin import Array, extremes
+
+GAP = 26.0  # between columns, px
+NEAR = 0.7  # px
+RIGHT = 18.0  # half of the last tick's text, px
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A curve as it is drawn: ``x`` and ``y`` (T,) in base units, ``spread`` the (low, high) around it.
+
+    ``time`` (T,) belongs to a path in the plane.
+    """
+
+    label: str
+    x: Array
+    y: Array
+    spread: tuple[Array, Array] | None
+    time: Array | None
+    color: str
+    dash: str
+    draw: str  # line, step (held until the next sample) or points
+    width: float
+
+
+@dataclass(frozen=True)
+class Plot:
+    """One pair of axes. ``bands`` are stretches of x, ``levels`` values of y, ``marks`` places, each with its words."""
+
+    heading: str
+    x: Axis
+    y: Axis
+    traces: tuple[Trace, ...]
+    bands: tuple[tuple[float, float, str], ...] = ()
+    levels: tuple[tuple[float, str], ...] = ()
+    marks: tuple[tuple[float, float, str], ...] = ()
+    height: float = 1.0  # relative to the other plots
+    equal: bool = False  # one metre is as long on both axes
+
+
+def path(x: Array, y: Array, draw: str = "line") -> str:
+    """SVG path data through (x, y) in px, to a tenth; NaN interrupts it. A line skips steps shorter than NEAR."""
+    parts: list[str] = []
+    pen_down = False
+    last_x = last_y = 0.0
+    for at_x, at_y in zip(np.round(x, 1).tolist(), np.round(y, 1).tolist(), strict=True):
+        if at_x != at_x or at_y != at_y:
+            pen_down = False
+            continue
+        if draw == "points":
+            parts.append(f"M{at_x:g} {at_y:g}h.01")
+            continue
+        if not pen_down:
+            parts.append(f"M{at_x:g} {at_y:g}")
+        elif draw == "step":
+            parts.append(f"H{at_x:g}V{at_y:g}")
+        elif abs(at_x - last_x) >= NEAR or abs(at_y - last_y) >= NEAR:
+            parts.append(f"L{at_x:g} {at_y:g}")
+        else:
+            continue
+        pen_down, last_x, last_y = True, at_x, at_y
+    return "".join(parts)
+
+
+def _curve(trace: Trace, plot: Plot, width: float, height: float) -> str:
+    """The trace as paths; where pixels cannot show every sample, each keeps its smallest and its largest."""
+    x = plot.x.place(trace.x, width)
+    columns = [height - plot.y.place(values, height) for values in (trace.y, *(trace.spread or ()))]
+    if x.size > 4 * width and np.all(np.diff(x) >= 0):
+        rows = extremes(x, columns, int(width))
+        x, columns = x[rows], [column[rows] for column in columns]
+    area = ""
+    if trace.spread:
+        whole = ~np.isnan(columns[1] + columns[2] + x)
+        edges = np.flatnonzero(np.diff(np.r_[False, whole, False]))
+        rings = [
+            path(np.r_[x[a:b], x[a:b][::-1]], np.r_[columns[1][a:b], columns[2][a:b][::-1]]) + "Z"
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+        ]
+        area = tag("path", d="".join(rings), class_="spread", fill="currentColor", fill_opacity=0.18)
+    points = trace.draw == "points"
+    line = tag(
+        "path",
+        d=path(x, columns[0], trace.draw),
+        class_="curve",
+        fill="none",
+        stroke="currentColor",
+        stroke_width=3 * trace.width if points else trace.width,
+        stroke_dasharray=None if points else DASHES[trace.dash],
+        stroke_linejoin="round",
+        stroke_linecap="round" if points and trace.dash == "solid" else "square" if points else None,
+    )
+    return group(trace.color, area, line, class_="trace")
+
+
+def _area(plot: Plot, width: float, height: float, font: float, band_words: bool) -> str:
+    """Everything inside the axes, clipped by them."""
+    parts = []
+    for start, end, words in plot.bands:
+        x = plot.x.place(np.array([start, end]), width)
+        box = tag("rect", x=float(x[0]), width=max(float(x[1] - x[0]), 1.0), height=height, fill_opacity=0.09)
+        text = letters(float(x[0]) + 4, font, words, faint=True, halo=True) if band_words else ""
+        parts.append(tag("g", box, text, class_="band", data_from=repr(float(start)), data_to=repr(float(end))))
+    parts += [_curve(trace, plot, width, height) for trace in plot.traces]
+    for value, words in plot.levels:
+        y = height - float(plot.y.place(np.array([value]), height)[0])
+        line = tag("path", d=f"M0 0H{width:g}", stroke="currentColor", stroke_dasharray="2 4")
+        base = -5.0 if y > 3 * font else 1.2 * font  # below the line where the words of bands stand above it
+        text = letters(width - 4, base, words, anchor="end", faint=True, halo=True)
+        parts.append(tag("g", line, text, class_="level", data_y=repr(float(value)), transform=f"translate(0 {y:.1f})"))
+    for at_x, at_y, words in plot.marks:
+        x, y = plot.x.place(np.array([at_x]), width)[0], height - plot.y.place(np.array([at_y]), height)[0]
+        dot = tag("circle", r=4, fill="none", stroke="currentColor", stroke_width=1.5)
+        parts.append(
+            tag(
+                "g",
+                dot,
+                letters(8.0, 4.0, words, halo=True),
+                class_="mark",
+                data_x=repr(float(at_x)),
+                data_y=repr(float(at_y)),
+                transform=f"translate({x:.1f} {y:.1f})",
+            )
+        )
+    if not any(np.isfinite(trace.x + trace.y).any() for trace in plot.traces):
+        parts.append(letters(width / 2, height / 2, "no data", anchor="middle", faint=True))
+    return tag("svg", *parts, class_="area", width=width, height=height)
+
+
+def _scales(plot: Plot, width: float, height: float, font: float, x_words: bool) -> str:
+    """Grid and tick texts. The script draws this group anew when it zooms: keep the two alike."""
+    lines, texts = [], []
+    for value, words in plot.y.ticks(int(height / 38) + 1):
+        y = height - float(plot.y.place(np.array([value]), height)[0])
+        lines.append(f"M0 {y:.1f}H{width:g}")
+        texts.append(letters(-7.0, y + 0.35 * font, words, anchor="end", faint=True))
+    for value, words in plot.x.ticks(int(width / 90) + 1):
+        x = float(plot.x.place(np.array([value]), width)[0])
+        lines.append(f"M{x:.1f} 0V{height:g}")
+        if x_words:
+            texts.append(letters(x, height + 1.5 * font, words, anchor="middle", faint=True))
+    grid = tag("path", d="".join(lines), stroke="currentColor", stroke_opacity=0.13)
+    frame = tag("path", d=f"M0 0V{height:g}H{width:g}", fill="none", stroke="currentColor", stroke_opacity=0.55)
+    return tag("g", grid, frame, *texts, class_="scales", data_words=x_words)
+
+
+def _name(plot: Plot) -> str:
+    return " · ".join(part for part in (plot.heading, plot.y.quantity.label) if part)
+
+
+def _crowded(plot: Plot, room: float, font: float) -> bool:
+    """Whether heading, name of y and key do not fit on one line."""
+    keys = sum(48 + text_width(trace.label, font) for trace in plot.traces if trace.label)
+    return bool(plot.heading) and 1.08 * text_width(_name(plot), font) + keys > room
+
+
+def _head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, float]:
+    """What stands above the axes, from their left end: name of y, then the key of the curves. Markup and height."""
+    parts, y, name = [], 0.0, _name(plot)
+    if crowded and plot.heading:
+        parts, y, name = [letters(0.0, 0.0, plot.heading, strong=True)], 1.45 * font, plot.y.quantity.label
+    parts.append(letters(0.0, y, name, strong=True))
+    x = 1.08 * text_width(name, font) + 18
+    for trace in plot.traces:
+        if not trace.label:
+            continue
+        wide = 30 + text_width(trace.label, font)
+        if x + wide > room and x > 0:
+            x, y = 0.0, y + 1.45 * font
+        points = trace.draw == "points"
+        sample = tag(
+            "path",
+            d=f"M{x + 12:.1f} {y - 0.33 * font:.1f}h.01" if points else f"M{x:.1f} {y - 0.33 * font:.1f}h24",
+            fill="none",
+            stroke="currentColor",
+            stroke_width=3 * trace.width if points else max(trace.width, 2.0),
+            stroke_dasharray=None if points else DASHES[trace.dash],
+            stroke_linecap="round" if points and trace.dash == "solid" else "square" if points else None,
+        )
+        parts += [group(trace.color, sample), letters(x + 30, y, trace.label)]
+        x += wide + 18
+    height = y + 2.2 * font
+    return tag("g", *parts, transform=f"translate(0 {-height + 1.3 * font:.1f})", class_="head"), height
+
+
+def _equalled(plot: Plot, width: float, height: float) -> Plot:
+    """The plot with whichever axis has room to spare widened until a unit is as long on both."""
+    unit = max((plot.x.high - plot.x.low) / width, (plot.y.high - plot.y.low) / height)
+    return replace(plot, x=plot.x.widened(unit * width), y=plot.y.widened(unit * height))
+
+
+def arrange(
+    plots: Sequence[Plot], layout: Layout, *, columns: int, height: float, limit: float = 1e9, shared_x: bool = True
+) -> tuple[str, float, float]:
+    """The plots row after row, ``columns`` beside each other: markup, width and height of the whole in px.
+
+    ``height`` is that of the axes of a plot of relative height 1; ``limit`` bounds the width of the axes. Where
+    ``shared_x``, only the lowest plot of a column carries the numbers and the name of x.
+    """
+    columns = max(1, min(columns, len(plots)))
+    font = layout.font
+    texts = [words for plot in plots for _, words in plot.y.ticks(6)]
+    left = 12 + 0.95 * max(text_width(words, font) for words in ["−0.00", *texts])  # zoomed in, numbers grow longer
+    width = min((layout.width - GAP * (columns - 1)) / columns - left - RIGHT, limit)
+    crowded = any(_crowded(plot, width, font) for plot in plots)
+    parts, top = [], 0.0
+    for first in range(0, len(plots), columns):
+        row = plots[first : first + columns]
+        tall = height * max(plot.height for plot in row)
+        if row[0].equal:
+            tall = width * min(max((p.y.high - p.y.low) / (p.x.high - p.x.low) for p in row), 1.0)
+            tall = max(tall, 0.4 * width)
+        heads = [_head(plot, width, font, crowded) for plot in row]
+        top += max(head_height for _, head_height in heads)
+        below = 0.0
+        for at, (plot, (head, _)) in enumerate(zip(row, heads, strict=True)):
+            last = not shared_x or first + at + columns >= len(plots)
+            drawn = _equalled(plot, width, tall) if plot.equal else plot
+            x = left + at * (width + left + RIGHT + GAP)
+            name = letters(width / 2, tall + 3.1 * font, plot.x.quantity.label, anchor="middle", strong=True)
+            below = max(below, (3.7 if last else 0.5) * font)
+            parts.append(
+                tag(
+                    "g",
+                    head,
+                    _scales(drawn, width, tall, font, last),
+                    _area(drawn, width, tall, font, first == 0),
+                    name if last else "",
+                    class_="plot",
+                    transform=f"translate({x:.1f} {top:.1f})",
+                    data_x=f"{drawn.x.low!r} {drawn.x.high!r}",
+                    data_y=f"{drawn.y.low!r} {drawn.y.high!r}",
+                )
+            )
+        top += tall + below
+    whole = columns * (left + width + RIGHT) + (columns - 1) * GAP
+    return "".join(parts), round(whole, 1), round(top + 2, 1)
