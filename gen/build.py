@@ -80,7 +80,7 @@ def _name(content: bytes) -> str:
 def _make(robot: Robot, profile: str, extra: tuple[str, ...], folder: Path, name: str) -> None:
     from gen import sources  # noqa: PLC0415 - casadi, which an intact build does not need
     from gen.effects import ALL, NOMINAL  # noqa: PLC0415
-    from gen.functions import assemble  # noqa: PLC0415
+    from gen.library import library as everything  # noqa: PLC0415
     from gen.model import Model  # noqa: PLC0415
 
     out = folder.parent
@@ -89,7 +89,7 @@ def _make(robot: Robot, profile: str, extra: tuple[str, ...], folder: Path, name
     if unknown:
         raise BuildError(f"--effects: no effect named {', '.join(sorted(unknown))}; there are {', '.join(e.name for e in ALL)}.")
     effects = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
-    graphs = assemble(Model(robot, effects))
+    made = everything(Model(robot, effects))
     library = f"hda_{name}.so"
     how = {
         "profile": profile,
@@ -99,7 +99,7 @@ def _make(robot: Robot, profile: str, extra: tuple[str, ...], folder: Path, name
         "library": library,
     }
     print(f"building {robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
-    files = sources.texts(graphs, effects, name, how, profile == "native")
+    files = sources.texts(made, effects, name, how, profile == "native")
     for stale in out.glob(f".{folder.name}.part-*"):  # left by a build that was killed; the lock is ours
         shutil.rmtree(stale, ignore_errors=True)
     part = out / f".{folder.name}.part-{os.getpid()}"

@@ -10,7 +10,8 @@ from gen import native
 from gen.description import canonical
 from gen.effect import Effect
 from gen.emit import scalar_function, signature
-from gen.functions import Emitted, Graphs
+from gen.functions import Emitted
+from gen.library import Library
 from gen.model import Model
 
 TOLERANCE = 1e-10  # of the L-stable step, as a share of each state's bound
@@ -106,10 +107,10 @@ def _sized(argument: tuple[str, str]) -> tuple[str, str]:
     return name, size if size == "1" else f"HDA_{size}"
 
 
-def manifest(graphs: Graphs, effects: tuple[Effect, ...], build: str, how: dict[str, Any]) -> dict[str, Any]:
+def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any]) -> dict[str, Any]:
     """What goes with the library: order, names, units, bounds, citations, sizes, robot, compiler."""
-    model = graphs.model
-    shapes = [{"name": f.name, "meaning": f.meaning, "inputs": f.inputs, "outputs": f.outputs} for f in graphs.functions]
+    model = made.graphs.model
+    shapes = [{"name": f.name, "meaning": f.meaning, "inputs": f.inputs, "outputs": f.outputs} for f in made.functions]
     return {
         "schema": 1,
         "build": build,
@@ -121,18 +122,22 @@ def manifest(graphs: Graphs, effects: tuple[Effect, ...], build: str, how: dict[
         "state": [vars(slot) for slot in model.x_slots],
         "input": [vars(slot) for slot in model.u_slots],
         "parameters": [vars(q) for q in model.quantities],
-        "constants": int(graphs.c.numel()),
+        "constants": int(made.graphs.c.numel()),
         "flexible": model.flexible,
         "stiff": model.stiff,
         "spring_inverse": vars(model.plan),
         "functions": shapes,
+        "controllers": [
+            {"name": law.name, "gains": [vars(g) for g in law.gains], "reference": law.reference, "state": law.state}
+            for law in made.laws
+        ],
         **how,
     }
 
 
-def texts(graphs: Graphs, effects: tuple[Effect, ...], build: str, how: dict[str, Any], lanes: bool) -> dict[str, str]:
+def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any], lanes: bool) -> dict[str, str]:
     """File name -> text; the same model gives the same bytes."""
-    functions = graphs.functions
+    graphs, functions = made.graphs, made.functions
     scalar = [f for f in functions if not (lanes and f.name == "rhs")]
     files = {file.name: file.read_text() for file in TEMPLATES.iterdir() if file.name.endswith((".c", ".h", ".txt"))}
     files["hda.h"] = header(functions)
@@ -142,5 +147,5 @@ def texts(graphs: Graphs, effects: tuple[Effect, ...], build: str, how: dict[str
     if lanes:
         files["hda_native.c"] = native.rhs(graphs)
         files["hda_batch_rhs.h"] = native.batch(graphs)
-    files["manifest.json"] = json.dumps(manifest(graphs, effects, build, how), indent=1, sort_keys=True) + "\n"
+    files["manifest.json"] = json.dumps(manifest(made, effects, build, how), indent=1, sort_keys=True) + "\n"
     return files

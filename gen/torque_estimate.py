@@ -1,0 +1,67 @@
+"""Joint torque without a torque sensor, from motor angle, joint angle and motor torque.
+
+Legend: θ, ω, α motor angle, speed, acceleration; q joint angle; τ_m motor torque; τ_w torque on the wave generator; τ_fs level of dry
+friction; φ torsion; N ratio. Signs: θ and q count in the same direction, so the paper's Δθ of (12) is θ/N − q here.
+
+Three estimates that share (14), the torsion less the kinematic error:
+
+- series: both springs in series, the exact inverse of (11); needs no motor torque;
+- quasi_static: (15)–(17) corrected: the wave generator's torque from the motor's, less friction; between ±τ_fs the joint sticks and
+  the series estimate gives τ_w = τ/N by (2);
+- dynamic: (15), (16) with τ_w from (18) corrected, in motion.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from gen import drive
+from gen.effect import Port, Signals
+from gen.model import Model
+
+SX = ca.SX
+
+
+def torsion(model: Model, j: int, theta: Any, q: Any) -> Any:
+    """(12), (14): torsion of joint j less the kinematic error, rad."""
+    p = model.of_joint(j)
+    error = sum(e.equation(Signals(motor_position=theta, ratio=p["ratio"]), p) for e in model.at(Port.TORSION, j))
+    return theta * (1 / p["ratio"]) + error - q
+
+
+def from_torsion(model: Model, j: int, phi: Any) -> Any:
+    """Spring torque of joint j at torsion φ, N m."""
+    p = model.of_joint(j)
+    return p["stiffness_level"] * drive.spring_torque(phi, drive.springs(p), p["inverse"], model.plan)
+
+
+def estimates(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_torque: Any) -> dict[str, Any]:
+    """The three estimates (n each, N m at the joint); joints with a rigid drive have no torsion to read and give NaN."""
+    out: dict[str, list[Any]] = {"series": [], "quasi_static": [], "dynamic": []}
+    for j in model.joints:
+        if j in model.rigid:
+            for values in out.values():
+                values.append(SX(float("nan")))
+            continue
+        p = model.of_joint(j)
+        phi = torsion(model, j, theta[j - 1], q[j - 1])
+        series = from_torsion(model, j, phi)
+        friction = p["coulomb_friction"]
+        torque = motor_torque[j - 1]
+        sliding = torque - ca.sign(torque) * friction
+        held = ca.if_else(ca.fabs(torque) > friction, sliding, series / p["ratio"])
+        moving = torque - p["motor_inertia"] * alpha[j - 1] - p["viscous_friction"] * omega[j - 1] - friction * ca.sign(omega[j - 1])
+        out["series"].append(series)
+        for name, wave_generator in (("quasi_static", held), ("dynamic", moving)):
+            out[name].append(p["stiffness_level"] * _flexspline(p, phi, wave_generator))
+    return {name: ca.vertcat(*values) for name, values in out.items()}
+
+
+def _flexspline(p: dict[str, Any], phi: Any, wave_generator: Any) -> Any:
+    """(15), (16): torque of the flexspline from the torsion less the wave generator's own, (6) corrected."""
+    c_w, stiffness = p["wave_generator_stiffening"], p["wave_generator_stiffness"]
+    wound = ca.sign(wave_generator) * (1 - ca.exp(-c_w * ca.fabs(wave_generator))) / (c_w * stiffness)
+    c_f = p["flexspline_stiffening"]
+    return ca.tan((phi - wound / p["ratio"]) * c_f * p["flexspline_stiffness"]) / c_f
