@@ -166,7 +166,10 @@ def assemble(model: Model) -> Graphs:
         *_dynamics(model, c),
     ]
     if model.stiff:
-        functions.append(Emitted(dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)}), "fastest decay of a stiff state, 1/s"))
+        functions += [
+            Emitted(dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)}), "fastest decay of a stiff state, 1/s"),
+            Emitted(dense("state_jacobian", xuc, {"by_x": jacobians[0]}), "derivative of the rate by x alone, column by column"),
+        ]
     return Graphs(model, lanes, chain, c, tuple(functions))
 
 

@@ -96,14 +96,19 @@ static void solve(double A[HDA_NX][HDA_NX], const int *row, double *b) {
     }
 }
 
-/* One step; returns the error estimate as a multiple of the tolerance, infinite where the step is no good. */
+static double lost(double *out) {
+    for (int i = 0; i < HDA_NX; i++) out[i] = NAN;
+    return INFINITY;
+}
+
+/* One step; returns the error estimate as a multiple of the tolerance, infinite where the result is not a number. */
 static double rodas(const double *x, const double *u, const double *c, const double *J, double h, double *out) {
     double A[HDA_NX][HDA_NX], k[6][HDA_NX], y[HDA_NX], f[HDA_NX], worst = 0.0;
     int row[HDA_NX];
     for (int i = 0; i < HDA_NX; i++) {
         for (int j = 0; j < HDA_NX; j++) A[i][j] = (i == j ? 1.0 / (h * gamma_) : 0.0) - J[j * HDA_NX + i];
     }
-    if (!factor(A, row)) return INFINITY;
+    if (!factor(A, row)) return lost(out);
     for (int stage = 0; stage < 6; stage++) {
         for (int i = 0; i < HDA_NX; i++) {
             double sum = x[i];
@@ -121,48 +126,73 @@ static double rodas(const double *x, const double *u, const double *c, const dou
     for (int i = 0; i < HDA_NX; i++) {
         out[i] = y[i] + k[5][i];
         const double e = fabs(k[5][i]) / (HDA_TOLERANCE * (bound[i] + fabs(x[i])));
-        if (!(e <= worst)) worst = e;
+        worst = e <= worst ? worst : e < INFINITY && worst < INFINITY ? e : INFINITY;
     }
-    return worst == worst ? worst : INFINITY;
+    return worst < INFINITY ? worst : lost(out);
 }
 
-void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) {
-    double at[HDA_NX], next[HDA_NX], by_x[HDA_NX * HDA_NX], by_u[HDA_NX * HDA_NU], by_p[HDA_NX * HDA_NP];
-    memcpy(at, x, sizeof at);
+/* The step in parts that keep the tolerance: halves of halves, at most HDA_MOST_PARTS of them, whose lengths go to `lengths`.
+ * Returns their number. The error goes with the fourth power of a part, so a part is doubled where 16 times its error is fine. */
+static int adapt(const double *x, const double *u, const double *c, double h, double *lengths, double *out) {
+    double at[HDA_NX], next[HDA_NX], by_x[HDA_NX * HDA_NX];
     long part = 0, whole = 1; /* the step is divided into `whole` parts, `part` of which are done */
+    int count = 0;
+    memcpy(at, x, sizeof at);
     while (part < whole) {
-        hda_rhs_jacobian(at, u, c, by_x, by_u, by_p);
-        while (rodas(at, u, c, by_x, *h / (double)whole, next) > 1.0 && whole < HDA_MOST_PARTS) {
+        double error;
+        hda_state_jacobian(at, u, c, by_x);
+        while ((error = rodas(at, u, c, by_x, h / (double)whole, next)) > 1.0 && whole < HDA_MOST_PARTS) {
             part *= 2;
             whole *= 2;
         }
+        lengths[count++] = h / (double)whole;
         memcpy(at, next, sizeof at);
-        part++;
-        while (part % 2 == 0 && whole > 1 && part < whole) {
+        if (error == INFINITY) break; /* not a number, and it stays so */
+        for (part++; part % 2 == 0 && part < whole && 16.0 * error < 1.0; error *= 16.0) {
             part /= 2;
             whole /= 2;
         }
     }
     memcpy(out, at, sizeof at);
+    return count;
 }
 
-/* Central differences: the step chooses its own parts, so there is no closed chain of derivatives to follow. */
+/* The step in given parts. */
+static void follow(const double *x, const double *u, const double *c, const double *lengths, int count, double *out) {
+    double at[HDA_NX], by_x[HDA_NX * HDA_NX];
+    memcpy(at, x, sizeof at);
+    for (int k = 0; k < count; k++) {
+        double next[HDA_NX];
+        hda_state_jacobian(at, u, c, by_x);
+        rodas(at, u, c, by_x, lengths[k], next);
+        memcpy(at, next, sizeof at);
+    }
+    memcpy(out, at, sizeof at);
+}
+
+void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) {
+    double lengths[HDA_MOST_PARTS];
+    adapt(x, u, c, *h, lengths, out);
+}
+
+/* Central differences over the parts of the step itself, so that no change of parts disturbs them. */
 void hda_step_jacobian(const double *x, const double *u, const double *p, const double *h, double *next, double *by_x, double *by_u, double *by_p) {
-    double c[HDA_NC], w[HDA_NX + HDA_NU + HDA_NP], high[HDA_NX], low[HDA_NX];
-    hda_prepare(p, c);
-    hda_step(x, u, c, h, next);
+    double c[HDA_NC], w[HDA_NX + HDA_NU + HDA_NP], high[HDA_NX], low[HDA_NX], lengths[HDA_MOST_PARTS];
     memcpy(w, x, HDA_NX * sizeof *w);
     memcpy(w + HDA_NX, u, HDA_NU * sizeof *w);
     memcpy(w + HDA_NX + HDA_NU, p, HDA_NP * sizeof *w);
+    hda_prepare(w + HDA_NX + HDA_NU, c);
+    const int count = adapt(w, w + HDA_NX, c, *h, lengths, next);
     for (int j = 0; j < HDA_NX + HDA_NU + HDA_NP; j++) {
+        const int parameter = j >= HDA_NX + HDA_NU;
         const double keep = w[j], d = 6e-6 * (fabs(keep) + (j < HDA_NX ? bound[j] * 1e-2 : keep == 0.0 ? 1e-3 : 0.0));
-        double *column = j < HDA_NX ? by_x + j * HDA_NX : j < HDA_NX + HDA_NU ? by_u + (j - HDA_NX) * HDA_NX : by_p + (j - HDA_NX - HDA_NU) * HDA_NX;
+        double *column = j < HDA_NX ? by_x + j * HDA_NX : parameter ? by_p + (j - HDA_NX - HDA_NU) * HDA_NX : by_u + (j - HDA_NX) * HDA_NX;
         w[j] = keep + d;
-        hda_prepare(w + HDA_NX + HDA_NU, c);
-        hda_step(w, w + HDA_NX, c, h, high);
+        if (parameter) hda_prepare(w + HDA_NX + HDA_NU, c);
+        follow(w, w + HDA_NX, c, lengths, count, high);
         w[j] = keep - d;
-        hda_prepare(w + HDA_NX + HDA_NU, c);
-        hda_step(w, w + HDA_NX, c, h, low);
+        if (parameter) hda_prepare(w + HDA_NX + HDA_NU, c);
+        follow(w, w + HDA_NX, c, lengths, count, low);
         w[j] = keep;
         for (int i = 0; i < HDA_NX; i++) column[i] = (high[i] - low[i]) / (2.0 * d);
     }

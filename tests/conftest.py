@@ -1,0 +1,61 @@
+"""Fixtures of all tests: builds made once a session, the folder of real data, and the option for campaigns."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from compiled import Compiled, load
+from gen.build import build as make
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """--campaign."""
+    parser.addoption("--campaign", action="store_true", help="also run the tests marked campaign: long, many more cases")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The marker of slow tests."""
+    config.addinivalue_line("markers", "campaign: takes minutes; runs with --campaign only")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Campaigns are skipped unless asked for."""
+    if not config.getoption("--campaign"):
+        for item in items:
+            if "campaign" in item.keywords:
+                item.add_marker(pytest.mark.skip(reason="a campaign; run it with --campaign"))
+
+
+@pytest.fixture(scope="session")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
+    """build(robot, profile="portable", effects=()) -> Compiled, made once; robot: a preset's name or the text of a robot.toml."""
+    out = tmp_path_factory.mktemp("build")
+    made: dict[tuple[str, str, tuple[str, ...]], Compiled] = {}
+
+    def built(robot: str, profile: str = "portable", effects: tuple[str, ...] = ()) -> Compiled:
+        key = (robot, profile, effects)
+        if key not in made:
+            source = robot
+            if "\n" in robot:
+                path = out / f"robot_{len(made)}.toml"
+                path.write_text(robot)
+                source = str(path)
+            made[key] = load(make(source, profile, out, effects)[0])
+        return made[key]
+
+    return built
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real and made logs; skips where there is none."""
+    folder = Path(os.environ.get("HDAGEN_DATA", DATA))
+    if not folder.is_dir():
+        pytest.skip(f"no logs: neither $HDAGEN_DATA nor {DATA} is a folder")
+    return folder
