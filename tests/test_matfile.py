@@ -15,7 +15,7 @@ from hdagen.matfile import read_mat
 
 
 def variables() -> dict[str, object]:
-    """What people keep in a .mat: vectors either way, small integers, a struct, matrices, and things that are no channel."""
+    """What people keep in a .mat: vectors either way, small integers, a struct, matrices, and what is no channel."""
     steps = np.arange(50)
     return {
         "t": (steps * 1e-3)[:, None],
