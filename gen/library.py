@@ -10,7 +10,7 @@ import casadi as ca
 from gen import torque_estimate
 from gen.compliance import Law, laws
 from gen.functions import Emitted, Graphs, assemble, dense
-from gen.model import Model
+from gen.model import Model, solve_symmetric
 
 SX = ca.SX
 
@@ -29,7 +29,8 @@ def library(model: Model) -> Library:
     graphs = assemble(model)
     controllers = laws(model, graphs.c)
     ticks = tuple(f for law in controllers for f in (law.start, law.tick))
-    return Library(graphs, (*graphs.functions, _torque_estimate(model, graphs.c), *ticks), controllers)
+    own = (_torque_estimate(model, graphs.c), _force_map(model, graphs.c))
+    return Library(graphs, (*graphs.functions, *own, *ticks), controllers)
 
 
 def _torque_estimate(model: Model, c: Any) -> Emitted:
@@ -38,3 +39,13 @@ def _torque_estimate(model: Model, c: Any) -> Emitted:
     theta, q, omega, alpha, torque = ins.values()
     found = torque_estimate.estimates(model, theta, q, omega, alpha, torque)
     return Emitted(dense("torque_estimate", {**ins, "c": c}, found), "joint torque from torsion, N m: three estimates")
+
+
+def _force_map(model: Model, c: Any) -> Emitted:
+    """(JJᵀ)⁻¹ J N, by rows: what the guard limits. Near singular poses it grows without bound, and so does the force it stands for."""
+    q = SX.sym("q", model.n)
+    J = model.chain.jacobian(q, model.chain_parameters())
+    square = J @ J.T + 1e-12 * SX.eye(2)
+    ratios = ca.diag(ca.vertcat(*(model.of_joint(j)["ratio"] for j in model.joints)))
+    columns = [solve_symmetric(square, (J @ ratios)[:, j]) for j in range(model.n)]
+    return Emitted(dense("force_map", {"q": q, "c": c}, {"map": ca.horzcat(*columns).T}), "static force at the tip by motor torque, N/(N m), row by row")

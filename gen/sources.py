@@ -11,6 +11,7 @@ from gen.description import canonical
 from gen.effect import Effect
 from gen.emit import scalar_function, signature
 from gen.functions import Emitted
+from gen.compliance import Law
 from gen.library import Library
 from gen.model import Model
 
@@ -95,10 +96,31 @@ def table(functions: tuple[Emitted, ...]) -> str:
         "/* The functions that can be called by name, with the length and kind of every array. */\n"
         "typedef struct {\n    const char *name;\n    char kind; /* d float64, i int32, B bytes */\n    long count;\n    int writable;\n} hda_argument;\n"
         "typedef struct {\n    const char *name;\n    int count;\n    void (*call)(void *const *);\n    hda_argument arguments[12];\n} hda_entry;\n\n"
+        + '#include "hda_bridge.h"\n\n'
         + "".join(calls)
         + "\nstatic const hda_entry hda_table[] = {\n"
         + "".join(rows)
+        + "    HDA_BRIDGE_ENTRIES\n"
         + "    {NULL, 0, NULL, {{NULL, 0, 0, 0}}},\n};\n"
+    )
+
+
+def laws_header(laws: tuple[Law, ...]) -> str:
+    """hda_laws.h: the controllers by number, with the bounds of their gains."""
+    most = {what: max(len(getattr(law, what)) for law in laws) for what in ("gains", "reference", "state")}
+    rows = " \\\n".join(f"  HDA_LAW({law.name}, {len(law.gains)}, {len(law.reference)}, {len(law.state)})" for law in laws)
+    numbers = "".join(f"#define HDA_LAW_{law.name} {k}\n" for k, law in enumerate(laws))
+
+    def bounds(which: str) -> str:
+        return "{" + ", ".join("{" + ", ".join(repr(float(getattr(g, which))) for g in law.gains) + "}" for law in laws) + "}"
+
+    return (
+        "/* The controllers: name, and numbers of gains, reference values and memory. The manifest names every entry. */\n"
+        "#ifndef HDA_LAWS_H\n#define HDA_LAWS_H\n\n"
+        f"{numbers}#define HDA_LAW_LIST(HDA_LAW) \\\n{rows}\n"
+        f"#define HDA_GAINS_MOST {most['gains']}\n#define HDA_REFERENCE_MOST {most['reference']}\n#define HDA_MEMORY_MOST {most['state']}\n"
+        f"#define HDA_GAINS_NOMINAL {bounds('nominal')}\n#define HDA_GAINS_LOW {bounds('low')}\n#define HDA_GAINS_HIGH {bounds('high')}\n"
+        "\n#endif\n"
     )
 
 
@@ -143,6 +165,7 @@ def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str,
     files["hda.h"] = header(functions)
     files["hda_sizes.h"] = sizes(graphs.model, int(graphs.c.numel()), build, lanes)
     files["hda_table.h"] = table(functions)
+    files["hda_laws.h"] = laws_header(made.laws)
     files["hda_model.c"] = '#include "hda.h"\n\n#include <math.h>\n\n' + "\n".join(scalar_function(f.graph, f.name) for f in scalar)
     if lanes:
         files["hda_native.c"] = native.rhs(graphs)

@@ -267,10 +267,40 @@ static PyObject *empty(PyObject *self, PyObject *ignored) {
     return none();
 }
 
+static PyObject *sentence(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    (void)module;
+    if (count != 1) {
+        PyErr_SetString(PyExc_TypeError, "sentence takes a status");
+        return NULL;
+    }
+    const long status = PyLong_AsLong(args[0]);
+    if (status == -1 && PyErr_Occurred()) return NULL;
+    return PyUnicode_FromString(hda_controller_sentence((int)status));
+}
+
+/* length(name, argument): entries of an array that bind() expects */
+static PyObject *length(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    (void)module;
+    if (count != 2) {
+        PyErr_SetString(PyExc_TypeError, "length takes a function's name and an array's");
+        return NULL;
+    }
+    const hda_entry *e = find(args[0]);
+    const char *text = e ? PyUnicode_AsUTF8AndSize(args[1], NULL) : NULL;
+    if (!text) return NULL;
+    for (int k = 0; k < e->count; k++) {
+        if (!strcmp(e->arguments[k].name, text)) return PyLong_FromLong(e->arguments[k].count);
+    }
+    PyErr_Format(PyExc_ValueError, "%s has no array named '%s'", e->name, text);
+    return NULL;
+}
+
 static PyMethodDef methods[] = {
     {"bind", (void (*)(void))bind, FASTCALL, "bind(name, *arrays): a function bound to its arrays."},
     {"map", (void (*)(void))map, FASTCALL, "map(name, rows, *arrays): the function on every row."},
     {"rollout", (void (*)(void))rollout, FASTCALL, "rollout(kind, x0, u, c, dt, most, count, x): simulate over time."},
+    {"sentence", (void (*)(void))sentence, FASTCALL, "sentence(status): what a controller's status means."},
+    {"length", (void (*)(void))length, FASTCALL, "length(name, array): entries that bind() expects."},
     {"empty", (void (*)(void))empty, NOARGS, "empty(): nothing, to time a call."},
     {NULL, NULL, 0, NULL},
 };

@@ -1,0 +1,61 @@
+/* What Python calls of the controller, over plain arrays: structs are filled and read here, so that no layout is known outside C. */
+#include "hda_control.h"
+
+enum {
+    HDA_CONFIG_WHOLE = 3,                                             /* safe, stale_stamp_ticks, stale_bits_ticks */
+    HDA_CONFIG_REAL = 5 + 6 * HDA_N,                                  /* period, _min, _max, watchdog, force_limit; six a joint */
+    HDA_MEASURED = sizeof(hda_measurement) / sizeof(double),
+    HDA_FAULT_REAL = 1 + 2 * HDA_N + (int)HDA_MEASURED + HDA_REFERENCE_MAX /* now, raw, sent, measurement, reference */
+};
+
+static void bridge_configure(void *const *a) {
+    const int *whole = a[4];
+    const double *real = a[5];
+    hda_guard_config config = {0};
+    double *const joints[] = {config.torque_limit, config.torque_rate, config.motor_jump, config.joint_jump, config.safe_damping, config.safe_stiffness};
+    config.version = HDA_GUARD_VERSION;
+    config.size = sizeof config;
+    config.joints = HDA_N;
+    config.safe = whole[0];
+    config.stale_stamp_ticks = whole[1];
+    config.stale_bits_ticks = whole[2];
+    config.period = real[0];
+    config.period_min = real[1];
+    config.period_max = real[2];
+    config.watchdog = real[3];
+    config.force_limit = real[4];
+    for (int i = 0; i < 6; i++) memcpy(joints[i], real + 5 + i * HDA_N, sizeof config.torque_limit);
+    *(int *)a[6] = hda_controller_configure(a[0], *(int *)a[1], a[2], a[3], &config);
+}
+
+static void bridge_tick(void *const *a) {
+    *(int *)a[5] = hda_controller_tick(a[0], *(double *)a[1], (const hda_measurement *)a[2], a[3], a[4]);
+}
+
+static void bridge_watchdog(void *const *a) { *(int *)a[3] = hda_guard_watchdog(&((hda_controller *)a[0])->guard, *(double *)a[1], a[2]); }
+
+static void bridge_recover(void *const *a) { *(int *)a[3] = hda_controller_recover(a[0], *(double *)a[1], (const hda_measurement *)a[2]); }
+
+static void bridge_read(void *const *a) {
+    hda_fault fault = {0};
+    int *whole = a[1];
+    double *real = a[2];
+    whole[0] = hda_guard_read(&((hda_controller *)a[0])->guard, &fault);
+    whole[1] = fault.index;
+    whole[2] = fault.further;
+    whole[3] = fault.reference_count;
+    real[0] = fault.now;
+    memcpy(real + 1, fault.raw, sizeof fault.raw);
+    memcpy(real + 1 + HDA_N, fault.sent, sizeof fault.sent);
+    memcpy(real + 1 + 2 * HDA_N, &fault.measurement, sizeof fault.measurement);
+    memcpy(real + 1 + 2 * HDA_N + HDA_MEASURED, fault.reference, sizeof fault.reference);
+}
+
+#define HDA_BRIDGE_ENTRIES \
+    {"controller_configure", 7, bridge_configure, {{"controller", 'B', sizeof(hda_controller), 1}, {"law", 'i', 1, 0}, {"p", 'd', HDA_NP, 0}, \
+        {"gains", 'd', HDA_GAINS_MOST, 0}, {"whole", 'i', HDA_CONFIG_WHOLE, 0}, {"real", 'd', HDA_CONFIG_REAL, 0}, {"status", 'i', 1, 1}}}, \
+    {"controller_tick", 6, bridge_tick, {{"controller", 'B', sizeof(hda_controller), 1}, {"now", 'd', 1, 0}, {"measurement", 'd', HDA_MEASURED, 0}, \
+        {"reference", 'd', HDA_REFERENCE_MOST, 0}, {"torque", 'd', HDA_N, 1}, {"status", 'i', 1, 1}}}, \
+    {"controller_watchdog", 4, bridge_watchdog, {{"controller", 'B', sizeof(hda_controller), 1}, {"now", 'd', 1, 0}, {"torque", 'd', HDA_N, 1}, {"status", 'i', 1, 1}}}, \
+    {"controller_recover", 4, bridge_recover, {{"controller", 'B', sizeof(hda_controller), 1}, {"now", 'd', 1, 0}, {"measurement", 'd', HDA_MEASURED, 0}, {"status", 'i', 1, 1}}}, \
+    {"controller_read", 3, bridge_read, {{"controller", 'B', sizeof(hda_controller), 1}, {"whole", 'i', 4, 1}, {"real", 'd', HDA_FAULT_REAL, 1}}},
