@@ -14,7 +14,7 @@ EXAMPLES = """examples:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit code: 0 done, 1 a robot that cannot be built, 2 usage, configuration or compiler."""
+    """Exit code: 0 done; 2 a robot, an option or a compiler that cannot be used; 130 interrupted."""
     parser = argparse.ArgumentParser(
         prog="python -m gen",
         description="Generates and compiles robot arms.",
@@ -22,20 +22,34 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check")
-    build = commands.add_parser("build", help="generate and compile a robot; prints the folder", epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter)
+    build = commands.add_parser(
+        "build",
+        help="generate and compile a robot; prints the folder",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     build.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
-    build.add_argument("--profile", choices=("portable", "native"), default="portable", help="portable: bit for bit the interpreter's; native: fastest on this processor")
+    build.add_argument(
+        "--profile",
+        choices=("portable", "native"),
+        default="portable",
+        help="portable: bit for bit the interpreter's; native: fastest on this processor",
+    )
     build.add_argument("--out", type=Path, default=Path("build"), help="where the folder goes (default: build)")
     build.add_argument("--effects", default="", help="effects to add to the model, separated by commas")
     listed = commands.add_parser("list", help="what is built")
     listed.add_argument("--out", type=Path, default=Path("build"))
     check = commands.add_parser("check", help="validate a robot and say what would be built")
     check.add_argument("robot", help="a preset or a robot.toml")
+    check.add_argument(
+        "--profile", choices=("portable", "native"), default="portable", help="of the build that is spoken of"
+    )
+    check.add_argument("--out", type=Path, default=Path("build"), help="where its folder would go (default: build)")
     check.add_argument("--effects", default="", help="effects to add to the model, separated by commas")
     options = parser.parse_args(arguments)
-    from gen.build import BuildError  # noqa: PLC0415
-    from gen.compile import CompileError  # noqa: PLC0415
-    from gen.robot import RobotError  # noqa: PLC0415
+    from gen.build import BuildError
+    from gen.compile import CompileError
+    from gen.robot import RobotError
 
     try:
         return {"build": _build, "list": _list, "check": _check}[options.command](options)
@@ -56,7 +70,7 @@ def _effects(options: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _build(options: argparse.Namespace) -> int:
-    from gen.build import build  # noqa: PLC0415
+    from gen.build import build
 
     folder, made = build(options.robot, options.profile, options.out, _effects(options))
     print(f"{'built' if made else 'unchanged'} ({options.profile})", file=sys.stderr)
@@ -65,7 +79,7 @@ def _build(options: argparse.Namespace) -> int:
 
 
 def _list(options: argparse.Namespace) -> int:
-    from gen.build import listing  # noqa: PLC0415
+    from gen.build import listing
 
     rows = list(listing(options.out))
     for name, what, whole in rows:
@@ -76,9 +90,9 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from gen.check import report  # noqa: PLC0415
+    from gen.check import report
 
-    lines, fits = report(options.robot, _effects(options))
+    lines, fits = report(options.robot, _effects(options), options.profile, options.out)
     for line in lines:
         print(line)
     return 0 if fits else 2

@@ -7,19 +7,28 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import platform
 import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from gen import compile as compiler
 from gen.presets import presets
-from gen.robot import LARGEST, Robot, load
+from gen.robot import LARGEST, Robot, RobotError, load
 from gen.rules import slug
 
+if TYPE_CHECKING:
+    from gen.effect import Effect
+    from gen.library import Library
+    from gen.stability import Examination
+
 HERE = Path(__file__).parent
+PART = ".part-"  # begins the names of folders that are being made or thrown away
+DAMAGE = (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError)  # of a manifest that is not ours
 
 
 class BuildError(Exception):
@@ -27,69 +36,115 @@ class BuildError(Exception):
 
 
 def key(robot: bytes, profile: str, extra: tuple[str, ...]) -> str:
-    """Hash of everything that decides the outcome: robot file, added effects, gen's own files, versions, compiler, flags, processor."""
+    """Hash of all that decides the outcome: robot, added effects, gen's files, versions, compiler, flags, processor."""
     digest = hashlib.sha256()
     parts = [robot, profile.encode(), " ".join(extra).encode(), " ".join(compiler.flags(profile)).encode()]
-    parts += [compiler.find().version.encode(), importlib.metadata.version("casadi").encode(), sys.platform.encode()]
+    parts += [compiler.find().version.encode(), sys.platform.encode(), platform.machine().encode()]
+    parts += [_version("casadi").encode(), _version("numpy").encode()]
     parts += [" ".join(compiler.cpu_flags()).encode() if profile == "native" else b""]
     for path in sorted(HERE.rglob("*")):
-        if path.suffix in (".py", ".c", ".h", ".txt") and "presets" not in path.parts:
-            parts += [str(path.relative_to(HERE)).encode(), path.read_bytes()]
+        own = path.relative_to(HERE)
+        if path.suffix in (".py", ".c", ".h", ".txt") and "presets" not in own.parts:
+            parts += [own.as_posix().encode(), path.read_bytes()]
     for part in parts:
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
     return digest.hexdigest()[:16]
 
 
-def build(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> tuple[Path, bool]:
-    """Build the robot (preset or path) with ``extra`` effects added; returns the folder and whether anything was made.
-
-    Raises RobotError, CompileError, BuildError. An intact build is used as it is; a damaged one is put aside and made again.
-    """
-    path = presets().get(source, Path(source))
-    if not path.is_file() or path.stat().st_size > LARGEST:
-        load(source)  # says what is wrong
-    content = path.read_bytes()
-    name = key(content, profile, extra)
-    label = slug(_name(content))
-    folder = out / f"{label}-{name}"
-    if intact(folder, name):
-        return folder, False
+def _version(package: str) -> str:
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        with _lock(out / f".{label}-{name}.lock"):
-            if intact(folder, name):  # another process made it meanwhile
-                return folder, False
-            robot = load(source)
-            if path.read_bytes() != content:
-                raise BuildError(f"{source}: the file changed while it was read; build again.")
-            _make(robot, profile, extra, folder, name)
-    except OSError as error:
-        raise BuildError(f"{out}: the build could not be written ({error.strerror or error}); nothing was changed. Free space or name a writable folder with --out.") from error
-    return folder, True
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        raise BuildError(
+            f"{package} is not installed, and a robot cannot be built without it; pip install {package}."
+        ) from None
+
+
+def place(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> tuple[Path, str, bytes]:
+    """The folder of a build, its hash, and the robot file as read. Raises RobotError, CompileError, BuildError."""
+    path = presets().get(source, Path(source))
+    try:
+        content = path.read_bytes() if path.is_file() and path.stat().st_size <= LARGEST else None
+    except (OSError, ValueError):
+        content = None
+    if content is None:
+        load(source)  # says what is wrong
+        raise BuildError(f"{source}: the file changed while it was read; build again.")
+    name = key(content, profile, extra)
+    return out / f"{slug(_name(content))}-{name}", name, content
 
 
 def _name(content: bytes) -> str:
+    """The label in a robot file; "arm" where it has none, which the full check of the file speaks of."""
     try:
-        name = tomllib.loads(content.decode()).get("name", "arm")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return "arm"  # the full check of the file says what is wrong
+        name = tomllib.loads(content.decode("utf-8-sig")).get("name")
+    except (ValueError, RecursionError):
+        name = None
     return name if isinstance(name, str) else "arm"
 
 
-def _make(robot: Robot, profile: str, extra: tuple[str, ...], folder: Path, name: str) -> None:
-    from gen import sources  # noqa: PLC0415 - casadi, which an intact build does not need
-    from gen.effects import ALL, NOMINAL  # noqa: PLC0415
-    from gen.library import library as everything  # noqa: PLC0415
-    from gen.model import Model  # noqa: PLC0415
+def build(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> tuple[Path, bool]:
+    """Build the robot (preset or path) with ``extra`` effects added; returns the folder and whether anything was made.
 
-    out = folder.parent
-    wanted = {stated.name for stated in robot.effects} | set(extra)
+    An intact build is used as it is; a damaged one is put aside and made again. Raises RobotError, CompileError,
+    BuildError.
+    """
+    extra = tuple(sorted(set(extra)))
+    folder, name, content = place(source, profile, out, extra)
+    if intact(folder, name):
+        return folder, False
+    made, effects, examined = assembled(source, load(source), extra)
+    if refused := examined.refusals(source):
+        raise RobotError(refused)
+    if place(source, profile, out, extra)[2] != content:
+        raise BuildError(f"{source}: the file changed while it was read; build again.")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with _lock(out / ".lock"):
+            if intact(folder, name):  # another process made it meanwhile
+                return folder, False
+            print(f"building {made.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
+            for stale in out.glob(f".*{PART}*"):  # left by a build that was killed; the lock is ours
+                _discard(stale)
+            _make(made, effects, profile, folder, name)
+    except OSError as error:
+        why = error.strerror or error
+        raise BuildError(
+            f"{out}: the build could not be written ({why}); nothing was changed. Free space, or name a "
+            "writable folder with --out."
+        ) from error
+    return folder, True
+
+
+def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Library, tuple[Effect, ...], Examination]:
+    """Everything to be emitted, the effects in them, and whether the robot's step carries them.
+
+    Raises BuildError where there is no such effect, RobotError where the parameters give no model.
+    """
+    from gen import stability  # casadi, which an intact build does not need
+    from gen.effects import ALL, NOMINAL
+    from gen.library import library
+    from gen.model import Model
+
     unknown = set(extra) - {effect.name for effect in ALL}
     if unknown:
-        raise BuildError(f"--effects: no effect named {', '.join(sorted(unknown))}; there are {', '.join(e.name for e in ALL)}.")
+        possible = ", ".join(effect.name for effect in ALL)
+        raise BuildError(f"--effects: found {', '.join(sorted(unknown))}, possible are {possible}; choose of these.")
+    wanted = {stated.name for stated in robot.effects} | set(extra)
     effects = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
-    made = everything(Model(robot, effects))
+    try:
+        made = library(Model(robot, effects))
+        examined = stability.examine(made.graphs)
+    except ValueError as error:
+        raise RobotError([f"{source}, joint: {error}."]) from None
+    return made, effects, examined
+
+
+def _make(made: Library, effects: tuple[Effect, ...], profile: str, folder: Path, name: str) -> None:
+    """Make the folder beside its place and move it there; the lock is held."""
+    from gen import sources
+
     library = f"hda_{name}.so"
     how = {
         "profile": profile,
@@ -98,37 +153,49 @@ def _make(robot: Robot, profile: str, extra: tuple[str, ...], folder: Path, name
         "cpu": compiler.cpu_flags() if profile == "native" else (),
         "library": library,
     }
-    print(f"building {robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
     files = sources.texts(made, effects, name, how, profile == "native")
-    for stale in out.glob(f".{folder.name}.part-*"):  # left by a build that was killed; the lock is ours
-        shutil.rmtree(stale, ignore_errors=True)
-    part = out / f".{folder.name}.part-{os.getpid()}"
+    part = folder.with_name(f".{folder.name}{PART}{os.getpid()}")
+    aside = part.with_name(f"{part.name}-old")
     try:
         part.mkdir()
         for file, text in files.items():
-            (part / file).write_text(text)
+            (part / file).write_text(text, encoding="utf-8", newline="\n")
         compiler.library(part, sorted(f for f in files if f.endswith(".c") and f != "example.c"), profile, library)
         manifest = json.loads(files["manifest.json"])
         manifest["files"] = {f.name: _hash(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
+        manifest["seal"] = seal(manifest)
         (part / "manifest.json").write_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n")
         for path in [*part.iterdir(), part]:
             _sync(path)
-        if folder.exists():
-            aside = out / f".{folder.name}.part-damaged-{os.getpid()}"
+        if os.path.lexists(folder):
             folder.rename(aside)  # a library that is loaded from it stays mapped and whole
         part.rename(folder)
-        _sync(out)
-        shutil.rmtree(out / f".{folder.name}.part-damaged-{os.getpid()}", ignore_errors=True)
+        _sync(folder.parent)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        _discard(part)
+        _discard(aside)
+
+
+def seal(manifest: dict[str, Any]) -> str:
+    """Hash of everything else in a manifest: against damage, not against someone who may write in the folder."""
+    rest = {name: value for name, value in manifest.items() if name != "seal"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def intact(folder: Path, name: str) -> bool:
     """Whether the folder is a complete build of that name with every file as it was written."""
     try:
         manifest = json.loads((folder / "manifest.json").read_text())
-        return manifest["build"] == name and all(_hash(folder / file) == digest for file, digest in manifest["files"].items())
-    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        files, library = manifest["files"], manifest["library"]
+        ours = manifest["build"] == name and library == f"hda_{name}.so" and library in files
+        plain = all(Path(file).name == file for file in files)
+        return bool(
+            ours
+            and plain
+            and manifest["seal"] == seal(manifest)
+            and all(_hash(folder / f) == h for f, h in files.items())
+        )
+    except DAMAGE:
         return False
 
 
@@ -141,12 +208,20 @@ def listing(out: Path) -> Iterator[tuple[str, str, bool]]:
             what = "not a complete build"
             if whole:
                 m = json.loads((folder / "manifest.json").read_text())
-                what = f"{m['robot']['name']}: {len(m['robot']['joints'])} joints, {len(m['state'])} states, {m['profile']}"
+                joints, states = len(m["robot"]["joints"]), len(m["state"])
+                what = f"{m['robot']['name']}: {joints} joint{'s' * (joints > 1)}, {states} states, {m['profile']}"
             yield folder.name, what, whole
 
 
 def _hash(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _discard(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    elif os.path.lexists(path):
+        path.unlink()
 
 
 def _sync(path: Path) -> None:
@@ -159,6 +234,7 @@ def _sync(path: Path) -> None:
 
 @contextmanager
 def _lock(path: Path) -> Iterator[None]:
+    """One build at a time in a folder; the lock ends with the process that holds it."""
     with path.open("w") as handle:
         fcntl.flock(handle, fcntl.LOCK_EX)
         yield

@@ -17,7 +17,11 @@ PROFILES = {
     "native": ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"),
 }
 COMMON = ("-std=c99", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Wpedantic")
-VECTOR_FLAGS = ("sse4_2", "avx", "avx2", "fma", "avx512f", "avx512dq", "avx512vl", "avx512bw", "asimd", "sve")
+INSTRUCTIONS = """
+ssse3 sse4_1 sse4_2 popcnt abm movbe adx f16c fma fma4 bmi1 bmi2 avx avx2 avx_vnni gfni vaes avx512f avx512cd avx512dq
+avx512bw avx512vl avx512ifma avx512vbmi avx512_vbmi2 avx512_vnni avx512_bitalg avx512_vpopcntdq avx512_bf16 avx512_fp16
+asimd asimdhp asimddp fphp sve sve2
+"""  # what compilers choose from under -march=native, in the words of /proc/cpuinfo
 
 
 class CompileError(Exception):
@@ -34,35 +38,58 @@ class Compiler:
 
 @cache
 def find() -> Compiler:
-    """The compiler named by $CC, else cc, gcc, clang, else the wheel of the `cc` extra."""
-    named = os.environ.get("CC")
-    candidates = [tuple(shlex.split(named))] if named else [("cc",), ("gcc",), ("clang",), (sys.executable, "-m", "ziglang", "cc")]
-    for command in candidates:
-        if not command or shutil.which(command[0]) is None:
-            continue
+    """The compiler named by $CC, else cc, gcc, clang, else the wheel of the `cc` extra. Raises CompileError."""
+    named = os.environ.get("CC", "").strip()
+    if named:
         try:
-            asked = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=False)
-        except OSError:
-            continue
-        if asked.returncode == 0 and asked.stdout.strip():
-            return Compiler(command, asked.stdout.strip().splitlines()[0])
+            command = tuple(shlex.split(named))
+        except ValueError as error:
+            raise CompileError(f"$CC: found {named}, which is no command ({error}); correct or unset it.") from None
+        version, why = _ask(command)
+        if not version:
+            raise CompileError(f"$CC: found {named}, which is no C compiler that works ({why}); correct or unset it.")
+        if os.sep in command[0]:  # it is called from other folders
+            command = (os.path.abspath(command[0]), *command[1:])
+        return Compiler(command, version)
+    candidates = (("cc",), ("gcc",), ("clang",), (sys.executable, "-m", "ziglang", "cc"))
+    for command in candidates:
+        version, _ = _ask(command)
+        if version:
+            return Compiler(command, version)
     tried = ", ".join(shlex.join(command) for command in candidates)
     raise CompileError(
-        f"no C compiler: tried {tried}. Install gcc or clang (Debian, Ubuntu: apt install gcc; macOS: xcode-select --install; "
-        "Fedora: dnf install gcc), or the wheel with `pip install 'hdagen[cc]'`, or name one in $CC."
+        f"no C compiler: tried {tried}. Install gcc or clang (Debian, Ubuntu: apt install gcc; Fedora: dnf install "
+        "gcc; macOS: xcode-select --install), or the wheel with `pip install 'hdagen[cc]'`, or name one in $CC."
     )
 
 
+def _ask(command: tuple[str, ...]) -> tuple[str, str]:
+    """What a compiler says of its version (empty where it is none), and else why it is none."""
+    if shutil.which(command[0]) is None:
+        return "", "there is no such program"
+    asked = shlex.join((*command, "--version"))
+    try:
+        done = subprocess.run(
+            [*command, "--version"], capture_output=True, text=True, errors="replace", timeout=60, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return "", f"`{asked}`: {error}"
+    lines = done.stdout.strip().splitlines()
+    if done.returncode or not lines:
+        words = f" and said {done.stderr.strip()[-1000:]}" if done.stderr.strip() else ""
+        return "", f"`{asked}` ended with code {done.returncode}{words}"
+    return lines[0], ""
+
+
 def cpu_flags() -> tuple[str, ...]:
-    """The vector instructions of this processor that a native library may use."""
+    """The instructions of this processor that a native library may use; empty where /proc/cpuinfo does not tell."""
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:
         return ()
     for line in text.splitlines():
         if line.startswith(("flags", "Features")):
-            have = set(line.split(":", 1)[1].split())
-            return tuple(flag for flag in VECTOR_FLAGS if flag in have)
+            return tuple(sorted({*INSTRUCTIONS.split()} & {*line.split(":", 1)[1].split()}))
     return ()
 
 
@@ -76,18 +103,21 @@ def library(folder: Path, sources: list[str], profile: str, name: str) -> None:
     compiler = find()
     objects = [source.removesuffix(".c") + ".o" for source in sources]
     with ThreadPoolExecutor(max_workers=2) as pool:
-        jobs = [(*compiler.command, *flags(profile), "-c", source, "-o", o) for source, o in zip(sources, objects, strict=True)]
-        for done in [pool.submit(_run, job, folder) for job in jobs]:
+        start = (*compiler.command, *flags(profile))
+        jobs = [((*start, "-c", source, "-o", o), folder / o) for source, o in zip(sources, objects, strict=True)]
+        for done in [pool.submit(_run, *job) for job in jobs]:
             done.result()
     shared = ("-dynamiclib", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
-    _run((*compiler.command, *shared, "-o", name, *objects, "-lm"), folder)
+    _run((*compiler.command, *shared, "-o", name, *objects, "-lm"), folder / name)
     for o in objects:
         (folder / o).unlink()
 
 
-def _run(command: tuple[str, ...], folder: Path) -> None:
+def _run(command: tuple[str, ...], result: Path) -> None:
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+        done = subprocess.run(
+            command, cwd=result.parent, capture_output=True, text=True, errors="replace", timeout=600, check=False
+        )
     except subprocess.TimeoutExpired as error:
         raise CompileError(f"the compiler did not finish within 600 s: {shlex.join(command)}") from error
     except OSError as error:
@@ -95,3 +125,5 @@ def _run(command: tuple[str, ...], folder: Path) -> None:
     if done.returncode:
         words = (done.stderr or done.stdout).strip()[-4000:] or "it said nothing"
         raise CompileError(f"the compiler failed with code {done.returncode}: {shlex.join(command)}\n{words}")
+    if not result.is_file():
+        raise CompileError(f"the compiler ended without an error and without a {result.name}: {shlex.join(command)}")
