@@ -6,6 +6,8 @@ import json
 from importlib import resources
 from typing import Any
 
+import casadi as ca
+
 from gen import native
 from gen.description import canonical
 from gen.effect import Effect
@@ -49,10 +51,11 @@ def sizes(model: Model, c: int, build: str, lanes: bool) -> str:
         "HDA_SLIDE": "{" + ", ".join(map(str, slide)) + "}",
         "HDA_BOUND": "{" + ", ".join(repr(float(slot.bound)) for slot in model.x_slots) + "}",
         "HDA_NOMINAL": "{" + ", ".join(repr(float(q.nominal)) for q in model.quantities) + "}",
+        "HDA_STEP": repr(model.robot.step),
         "HDA_BUILD": f'"{build}"',
     }
     lines = "".join(f"#define {name} {value}\n" for name, value in defines.items())
-    return f"/* Sizes of this model; p's nominal values; the build that the library belongs to. */\n#ifndef HDA_SIZES_H\n#define HDA_SIZES_H\n\n{lines}\n#endif\n"
+    return f"/* Sizes of this model; p's nominal values; the step it is meant for, s; the build that the library belongs to. */\n#ifndef HDA_SIZES_H\n#define HDA_SIZES_H\n\n{lines}\n#endif\n"
 
 
 def header(functions: tuple[Emitted, ...]) -> str:
@@ -129,10 +132,19 @@ def _sized(argument: tuple[str, str]) -> tuple[str, str]:
     return name, size if size == "1" else f"HDA_{size}"
 
 
+def operations(f: ca.Function) -> int:
+    """Arithmetic operations of a function, elementary functions counted as one each."""
+    moves = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
+    return sum(f.instruction_id(k) not in moves for k in range(f.n_instructions()))
+
+
 def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any]) -> dict[str, Any]:
     """What goes with the library: order, names, units, bounds, citations, sizes, robot, compiler."""
     model = made.graphs.model
-    shapes = [{"name": f.name, "meaning": f.meaning, "inputs": f.inputs, "outputs": f.outputs} for f in made.functions]
+    shapes = [
+        {"name": f.name, "meaning": f.meaning, "inputs": f.inputs, "outputs": f.outputs, "operations": operations(f.graph)}
+        for f in made.functions
+    ]
     return {
         "schema": 1,
         "build": build,
@@ -161,7 +173,7 @@ def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str,
     """File name -> text; the same model gives the same bytes."""
     graphs, functions = made.graphs, made.functions
     scalar = [f for f in functions if not (lanes and f.name == "rhs")]
-    files = {file.name: file.read_text() for file in TEMPLATES.iterdir() if file.name.endswith((".c", ".h", ".txt"))}
+    files = {file.name: file.read_text(encoding="utf-8") for file in TEMPLATES.iterdir() if file.name.endswith((".c", ".h", ".txt"))}
     files["hda.h"] = header(functions)
     files["hda_sizes.h"] = sizes(graphs.model, int(graphs.c.numel()), build, lanes)
     files["hda_table.h"] = table(functions)

@@ -1,4 +1,4 @@
-/* Steps the arm from rest with a constant drive at every joint and prints where the tip goes. */
+/* Steps the arm from rest with a constant input at every joint and prints where the tip goes. */
 #include "hda.h"
 
 #include <stdio.h>
@@ -6,7 +6,7 @@
 int main(void) {
     static const double p[HDA_NP] = HDA_NOMINAL;
     double c[HDA_NC], x[HDA_NX] = {0}, u[HDA_NU] = {0}, points[2 * (HDA_N + 1)];
-    const double h = 5e-4;
+    const double h = HDA_STEP;
     hda_prepare(p, c);
     for (int j = 0; j < HDA_N; j++) u[j] = j % 2 ? -1.0 : 1.0;
     for (int k = 0; k <= 1000; k++) {
