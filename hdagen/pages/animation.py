@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hdagen.pages import frame
-from hdagen.pages.frame import LAYOUTS, WIDE, Layout, group, letters
+from hdagen.pages.frame import LAYOUTS, WIDE, Layout, group, letters, shortened, text_width
 from hdagen.pages.markup import tag
 from hdagen.pages.palette import CYCLE
 from hdagen.pages.plot import path
@@ -139,8 +139,9 @@ def _drawing(layout: Layout, words: str, scene: _Scene) -> str:
         sample = tag(
             "path", d=f"M{x + 3:.1f} {0.7 * font:.1f}h18", stroke="currentColor", stroke_width=5, stroke_linecap="round"
         )
-        parts += [group(color, sample), letters(x + 30, 1.05 * font, label)]
-        x += 48 + frame.text_width(label, font)
+        short = shortened(label, layout.width / (len(scene.arms) + 1) - 48, font)
+        parts += [group(color, sample), letters(x + 30, 1.05 * font, short)]
+        x += 48 + text_width(short, font)
     if scene.target.size:
         sample = tag(
             "path", d=f"M{x:.1f} {0.7 * font:.1f}h24", stroke="currentColor", stroke_width=2, stroke_dasharray="5 4"

@@ -44,7 +44,7 @@ const decades = (axis, count) => {
 
 const ticks = (axis, count) => {
   if (axis.log && axis.high / axis.low >= 10) return decades(axis, count);
-  const low = axis.low * axis.factor, high = axis.high * axis.factor, rough = (high - low) / count;
+  const low = axis.low * axis.factor, high = axis.high * axis.factor, rough = (high - low) / Math.max(count, 3);
   const power = 10 ** Math.floor(Math.log10(rough)), found = [];
   const step = [10, 5, 2, 1].find((digit) => digit * power <= 1.5 * rough) * power;
   for (let at = Math.ceil(low / step - 0.01); at <= high / step + 0.01; at++) {

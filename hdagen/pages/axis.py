@@ -60,10 +60,10 @@ def fit(label: str, columns: Sequence[Array], *, log: bool = False, margin: floa
 
 
 def _steps(axis: Axis, count: int) -> list[tuple[float, str]]:
-    """Multiples of 1, 2 or 5 times a power of ten."""
+    """Multiples of 1, 2 or 5 times a power of ten, at least two of them."""
     factor = axis.quantity.factor
     low, high = axis.low * factor, axis.high * factor
-    rough = (high - low) / max(count, 1)
+    rough = (high - low) / max(count, 3)
     power = math.floor(math.log10(rough))
     step = max(step for step in (1, 2, 5, 10) if step * 10.0**power <= 1.5 * rough) * 10.0**power
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hdagen.pages import frame
 from hdagen.pages.axis import Axis, fit
-from hdagen.pages.frame import LAYOUTS, Layout, group, letters, text_width
+from hdagen.pages.frame import LAYOUTS, Layout, group, letters, shortened, text_width
 from hdagen.pages.markup import tag
 from hdagen.pages.palette import CYCLE
 from hdagen.pages.quantity import number, quantity
@@ -114,12 +114,15 @@ def _drawing(
     for at, name in enumerate(names):
         y = at * pitch + 5
         middle = y + name_height + len(groups) * (thick + 4) / 2 - 2
-        parts.append(letters(0, y + font, name) if above else letters(-10.0, middle + 0.35 * font, name, anchor="end"))
+        short = shortened(name, layout.width - left, font)
+        parts.append(
+            letters(0.0, y + font, short) if above else letters(-10.0, middle + 0.35 * font, name, anchor="end")
+        )
         for which, (bars, row) in enumerate(zip(groups, table, strict=True)):
             at_y = y + name_height + which * (thick + 4)
             solid = which == len(groups) - 1
             parts.append(_bar(row[at], axis, room, at_y, thick, font, bars.color or CYCLE[which % len(CYCLE)], solid))
-    key = _key(groups, font)
+    key = _key(groups, layout)
     body = tag("g", scale, *parts, transform=f"translate({left:.1f} {top:.1f})", class_="plot")
     return frame.drawing(layout, layout.width, round(top + height + 3.9 * font, 1), words, key, body)
 
@@ -158,17 +161,23 @@ def _scale(axis: Axis, room: float, height: float, font: float, levels: Sequence
         if np.isfinite(x):
             parts.append(tag("path", d=f"M{x:.1f} -3V{height:.1f}", stroke="currentColor", stroke_dasharray="2 4"))
             parts.append(letters(x, -6.0, text, anchor="middle", faint=True))
-    parts.append(letters(room / 2, height + 2.9 * font, axis.quantity.label, anchor="middle", strong=True))
+    parts.append(
+        letters(room / 2, height + 2.9 * font, shortened(axis.quantity.label, room, font), anchor="middle", strong=True)
+    )
     return "".join(parts)
 
 
-def _key(groups: Sequence[Bars], font: float) -> str:
+def _key(groups: Sequence[Bars], layout: Layout) -> str:
+    font, room = layout.font, layout.width / max(len(groups), 1) - 40
     parts, x = [], 0.0
     for which, bars in enumerate(groups):
         if bars.label:
             solid = which == len(groups) - 1
             box = tag("rect", x=x, y=0.35 * font, width=16.0, height=0.8 * font, fill="currentColor",
                       fill_opacity=0.95 if solid else 0.22, stroke="currentColor")  # fmt: skip
-            parts += [group(bars.color or CYCLE[which % len(CYCLE)], box), letters(x + 22, 1.1 * font, bars.label)]
-            x += 40 + text_width(bars.label, font)
+            parts += [
+                group(bars.color or CYCLE[which % len(CYCLE)], box),
+                letters(x + 22, 1.1 * font, shortened(bars.label, room, font)),
+            ]
+            x += 40 + min(text_width(bars.label, font), room)
     return "".join(parts)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hdagen.pages import markup
-from hdagen.pages.markup import escape, tag
+from hdagen.pages.markup import clean, escape, tag
 from hdagen.pages.palette import COLORS, PAPER
 
 
@@ -39,6 +39,16 @@ def group(name: str, *children: str, class_: str = "", **attributes: object) -> 
 def text_width(text: str, font: float) -> float:
     """Roughly how wide ``text`` is, px; a little generous."""
     return font * sum(0.34 if letter in "iIl.,:;'|!()[]· " else 0.9 if letter in "mwMW—" else 0.6 for letter in text)
+
+
+def shortened(text: str, room: float, font: float) -> str:
+    """``text`` where it fits into ``room`` px; otherwise as much of its beginning as does, and an ellipsis."""
+    if text_width(text, font) <= room:
+        return text
+    short = clean(text[: max(int(room / (0.3 * font)), 0)])
+    while short and text_width(short + "…", font) > room:
+        short = short[:-1]
+    return short + "…"
 
 
 def letters(

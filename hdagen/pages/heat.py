@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdagen.pages import frame
 from hdagen.pages.axis import Axis, fit
-from hdagen.pages.frame import LAYOUTS, WIDE, Layout, letters, text_width
+from hdagen.pages.frame import LAYOUTS, WIDE, Layout, letters, shortened, text_width
 from hdagen.pages.markup import tag
 from hdagen.pages.palette import DIVERGING, SEQUENTIAL, blend, lightness
 from hdagen.pages.quantity import number
@@ -17,6 +17,7 @@ from hdagen.pages.thin import Array, packed, samples
 
 SHADES = 64
 CELLS = 40_000  # more cells than that are finer than a pixel
+NAMES = 0.35  # of the width of the drawing, at most, for the names of rows
 WRITTEN = 120  # up to so many cells carry their number
 Edges = Array | list[str]
 
@@ -40,10 +41,13 @@ def heat(
     ``x`` holds the columns + 1 edges, ascending, or the columns' names; ``y`` likewise for rows. ``center``: colours
     diverge about that value and reach as far to either side. ValueError where sizes do not fit.
     """
-    cells = np.array(values, dtype=np.float64, ndmin=2)
-    cells[~np.isfinite(cells)] = np.nan
-    across = _edges(title, "x", x, cells.shape[1], log_x)
-    up = _edges(title, "y", y, cells.shape[0], log_y)
+    grid = np.asarray(values, dtype=np.float64)
+    if grid.ndim != 2:
+        raise ValueError(f"figure {title!r}: values have shape {grid.shape}; give one row for every cell of y")
+    rows, columns = grid.shape
+    cells = samples(grid).reshape(rows, columns)
+    across = _edges(title, "x", x, columns, log_x)
+    up = _edges(title, "y", y, rows, log_y)
     if cells.size > CELLS:
         raise ValueError(f"figure {title!r}: {cells.size} cells are more than can be seen; use at most {CELLS}")
     scale = fit(value_label, [cells], margin=0.0)
@@ -109,8 +113,8 @@ def _drawing(
 ) -> tuple[float, float, str, str]:
     """Width, height, description and body of the drawing."""
     font = layout.font
-    names = up if isinstance(up, list) else [text for _, text in axes[1].ticks(7)]
-    left = 14 + max((text_width(name, font) for name in names), default=0.0)
+    beside = up if isinstance(up, list) else [text for _, text in axes[1].ticks(7)]
+    left = 14 + min(max((text_width(name, font) for name in beside), default=0.0), NAMES * layout.width)
     key = 18 + 14 + 8 + max(text_width(text, font) for _, text in scale.ticks(6))
     width = layout.width - left - key
     height = min(30.0 * len(up), 360.0) if isinstance(up, list) else (300.0 if layout is WIDE else 220.0)
@@ -121,14 +125,18 @@ def _drawing(
     py = axes[1].place(y, height) if isinstance(up, list) else height - axes[1].place(y, height)
     body = tag(
         "g",
-        letters(0.0, -0.8 * font, axes[1].quantity.label, strong=True),
-        letters(width + key, -0.8 * font, scale.quantity.label, anchor="end", strong=True),
+        letters(0.0, -0.8 * font, shortened(axes[1].quantity.label, 0.45 * width, font), strong=True),
+        letters(
+            width + key, -0.8 * font, shortened(scale.quantity.label, 0.45 * width, font), anchor="end", strong=True
+        ),
         *_patches(px, py, shades, stops),
         *(_numerals(px, py, cells, shades, scale, stops, font) if cells.size <= WRITTEN else ()),
-        *_tick_texts(axes, across, up, px, py, width, height, font),
+        *_tick_texts(layout, axes, across, up, px, py, width, height),
         tag("path", d=f"M0 0V{height:.1f}H{width:.1f}", fill="none", stroke="currentColor", stroke_opacity=0.55),
         _key(scale, stops, width + 18, height, font),
-        letters(width / 2, height + 3.1 * font, axes[0].quantity.label, anchor="middle", strong=True),
+        letters(
+            width / 2, height + 3.1 * font, shortened(axes[0].quantity.label, width, font), anchor="middle", strong=True
+        ),
         tag("svg", width=width, height=height, class_="area"),
         class_="plot",
         transform=f"translate({left:.1f} {top:.1f})",
@@ -172,8 +180,9 @@ def _numerals(
 
 
 def _tick_texts(
-    axes: tuple[Axis, Axis], across: Edges, up: Edges, px: Array, py: Array, width: float, height: float, font: float
+    layout: Layout, axes: tuple[Axis, Axis], across: Edges, up: Edges, px: Array, py: Array, width: float, height: float
 ) -> list[str]:
+    font = layout.font
     if isinstance(across, list):
         x = [((px[at] + px[at + 1]) / 2, name) for at, name in enumerate(across)]
     else:
@@ -182,8 +191,14 @@ def _tick_texts(
         y = [((py[at] + py[at + 1]) / 2, name) for at, name in enumerate(up)]
     else:
         y = [(height - axes[1].place(np.array([at]), height)[0], text) for at, text in axes[1].ticks(7)]
-    below = [letters(float(at), height + 1.5 * font, text, anchor="middle", faint=True) for at, text in x]
-    beside = [letters(-7.0, float(at) + 0.35 * font, text, anchor="end", faint=True) for at, text in y]
+    room, left = (width / len(x) if isinstance(across, list) else width), NAMES * layout.width
+    below = [
+        letters(float(at), height + 1.5 * font, shortened(text, room, font), anchor="middle", faint=True)
+        for at, text in x
+    ]
+    beside = [
+        letters(-7.0, float(at) + 0.35 * font, shortened(text, left, font), anchor="end", faint=True) for at, text in y
+    ]
     return below + beside
 
 
@@ -198,7 +213,7 @@ def _key(scale: Axis, stops: tuple[str, ...], x: float, height: float, font: flo
             height=step + 0.4,
             fill=_shade(stops, at),
             shape_rendering="crispEdges",
-        )  # fmt: skip
+        )
         for at in range(SHADES)
     ]
     for value, text in scale.ticks(6):

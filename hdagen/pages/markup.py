@@ -31,9 +31,9 @@ def tag(name: str, *children: str, **attributes: object) -> str:
     for key, value in attributes.items():
         if value is None or value is False:
             continue
-        key = key.rstrip("_").replace("_", "-")
+        plain = key.rstrip("_").replace("_", "-")
         text = f"{round(value, 2):g}" if isinstance(value, float) else value
-        written.append(f" {key}" if value is True else f' {key}="{escape(text)}"')
+        written.append(f" {plain}" if value is True else f' {plain}="{escape(text)}"')
     return f"<{name}{''.join(written)}>{''.join(children)}</{name}>"
 
 

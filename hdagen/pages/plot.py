@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hdagen.pages.axis import Axis
-from hdagen.pages.frame import Layout, group, letters, text_width
+from hdagen.pages.frame import Layout, group, letters, shortened, text_width
 from hdagen.pages.markup import tag
 from hdagen.pages.palette import DASHES
 from hdagen.pages.thin import Array, extremes
@@ -57,7 +58,7 @@ def path(x: Array, y: Array, draw: str = "line") -> str:
     pen_down = False
     last_x = last_y = 0.0
     for at_x, at_y in zip(np.round(x, 1).tolist(), np.round(y, 1).tolist(), strict=True):
-        if at_x != at_x or at_y != at_y:
+        if math.isnan(at_x + at_y):
             pen_down = False
             continue
         if draw == "points":
@@ -171,13 +172,16 @@ def _head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, flo
     """What stands above the axes, from their left end: name of y, then the key of the curves. Markup and height."""
     parts, y, name = [], 0.0, _name(plot)
     if crowded and plot.heading:
-        parts, y, name = [letters(0.0, 0.0, plot.heading, strong=True)], 1.45 * font, plot.y.quantity.label
+        parts = [letters(0.0, 0.0, shortened(plot.heading, room / 1.08, font), strong=True)]
+        y, name = 1.45 * font, plot.y.quantity.label
+    name = shortened(name, room / 1.08, font)
     parts.append(letters(0.0, y, name, strong=True))
     x = 1.08 * text_width(name, font) + 18
     for trace in plot.traces:
         if not trace.label:
             continue
-        wide = 30 + text_width(trace.label, font)
+        label = shortened(trace.label, room - 30, font)
+        wide = 30 + text_width(label, font)
         if x + wide > room and x > 0:
             x, y = 0.0, y + 1.45 * font
         points = trace.draw == "points"
@@ -190,7 +194,7 @@ def _head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, flo
             stroke_dasharray=None if points else DASHES[trace.dash],
             stroke_linecap="round" if points and trace.dash == "solid" else "square" if points else None,
         )
-        parts += [group(trace.color, sample), letters(x + 30, y, trace.label)]
+        parts += [group(trace.color, sample), letters(x + 30, y, label)]
         x += wide + 18
     height = y + 2.2 * font
     return tag("g", *parts, transform=f"translate(0 {-height + 1.3 * font:.1f})", class_="head"), height
@@ -230,7 +234,8 @@ def arrange(
             last = not shared_x or first + at + columns >= len(plots)
             drawn = _equalled(plot, width, tall) if plot.equal else plot
             x = left + at * (width + left + RIGHT + GAP)
-            name = letters(width / 2, tall + 3.1 * font, plot.x.quantity.label, anchor="middle", strong=True)
+            x_name = shortened(plot.x.quantity.label, width, font)
+            name = letters(width / 2, tall + 3.1 * font, x_name, anchor="middle", strong=True)
             below = max(below, (3.7 if last else 0.5) * font)
             parts.append(
                 tag(

@@ -23,12 +23,12 @@ class Quantity(NamedTuple):
 
     @property
     def label(self) -> str:
-        """name (unit)"""
+        """The name and, in brackets, the written unit."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
     @property
     def base_label(self) -> str:
-        """name (base unit), as the data are"""
+        """The name and, in brackets, the base unit, which is that of the data."""
         return f"{self.name} ({self.base})" if self.base else self.name
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-LARGEST = 1e37  # what lies beyond cannot be packed in 32 bits and is drawn as a gap
+LARGEST = 1e37  # what lies beyond cannot be packed in 32 bits: it is a gap, and what is smaller than its inverse is 0
 
 
 def samples(values: ArrayLike) -> Array:
     """``values`` as a flat float array in which everything that cannot be drawn is NaN."""
     flat = np.asarray(values, dtype=np.float64).ravel()
-    drawable = np.abs(np.nan_to_num(flat, nan=np.inf, posinf=np.inf, neginf=np.inf)) < LARGEST
-    return np.where(drawable, flat, np.nan)
+    size = np.abs(flat)
+    return np.where(size < LARGEST, np.where(size < 1 / LARGEST, 0.0, flat), np.nan)
 
 
 def extremes(position: Array, columns: list[Array], stretches: int) -> NDArray[np.intp]:
