@@ -5,6 +5,7 @@
  */
 #include "hda.h"
 
+#include <limits.h>
 #include <stddef.h>
 #include <string.h>
 
@@ -99,7 +100,7 @@ static int fits(const hda_argument *a, PyObject *given, Py_ssize_t rows, Py_buff
     } else if (view->len == a->count * size) {
         *stride = 0;
         return 1;
-    } else if (rows > 1 && view->len == rows * a->count * size) {
+    } else if (rows > 1 && view->len % (a->count * size) == 0 && view->len / (a->count * size) == rows) {
         *stride = a->count * size;
         return 1;
     } else {
@@ -232,8 +233,13 @@ static PyObject *rollout(PyObject *module, PyObject *const *args, Py_ssize_t cou
     Py_buffer dt;
     if (PyObject_GetBuffer(args[4], &dt, C_CONTIGUOUS | FORMAT) < 0) return NULL;
     const long rows = (long)(dt.len / 8);
+    if (many > LONG_MAX / 8 / (rows + 1) / (HDA_NX + HDA_NU + HDA_NC)) { /* the lengths below would overflow */
+        PyBuffer_Release(&dt);
+        PyErr_SetString(PyExc_ValueError, "rollout: count is larger than any array can be");
+        return NULL;
+    }
     hda_entry e = {"rollout", 5, NULL, {
-        {"dt", 'd', (long)rows, 0},
+        {"dt", 'd', rows, 0},
         {"x0", 'd', many * HDA_NX, 0},
         {"u", 'd', many * rows * HDA_NU, 0},
         {"c", 'd', (kind == 3 ? many : 1) * HDA_NC, 0},
