@@ -1,7 +1,6 @@
-/* Steps and rollouts: RK4, a Rosenbrock method for stiff memories, and a step with set-valued friction.
+/* Steps and rollouts: RK4 with smooth friction, and a step with set-valued friction that finds where a joint stops or gives way.
  *
  * Legend: x state, u input held over the step, c constants, h step, k slopes, s direction of sliding (-1, 0 stuck, 1).
- * Sources: RODAS: Hairer, Wanner, Solving Ordinary Differential Equations II (1996), IV.7 and their table of coefficients.
  * Nothing here allocates; every loop is bounded.
  */
 #include "hda.h"
@@ -10,7 +9,6 @@
 #include <string.h>
 
 static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direction of dry friction at joint j */
-static const double bound[HDA_NX] = HDA_BOUND;
 
 /* ---- explicit Runge-Kutta of order four ---- */
 
@@ -33,172 +31,9 @@ static void rk4(const double *x, const double *u, const double *s, const double 
     }
 }
 
-#if HDA_STIFF
+#if !HDA_STIFF
 
-/* ---- RODAS, order four, L-stable, six stages, with its embedded error ---- */
-
-static const double gamma_ = 0.25;
-static const double a_[6][5] = {
-    {0},
-    {1.544},
-    {0.9466785280815826, 0.2557011698983284},
-    {3.314825187068521, 2.896124015972201, 0.9986419139977817},
-    {1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950},
-    {1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0},
-};
-static const double c_[6][5] = {
-    {0},
-    {-5.6688},
-    {-2.430093356833875, -0.2063599157091915},
-    {-0.1073529058151375, -9.594562251023355, -20.47028614809616},
-    {7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160},
-    {8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054},
-};
-
-/* LU with row exchange in place; 0 where the matrix is singular. */
-static int factor(double A[HDA_NX][HDA_NX], int *row) {
-    for (int k = 0; k < HDA_NX; k++) {
-        int best = k;
-        for (int i = k + 1; i < HDA_NX; i++) {
-            if (fabs(A[i][k]) > fabs(A[best][k])) best = i;
-        }
-        row[k] = best;
-        if (!(fabs(A[best][k]) > 0.0)) return 0;
-        if (best != k) {
-            for (int j = 0; j < HDA_NX; j++) {
-                const double t = A[k][j];
-                A[k][j] = A[best][j];
-                A[best][j] = t;
-            }
-        }
-        const double pivot = 1.0 / A[k][k];
-        for (int i = k + 1; i < HDA_NX; i++) {
-            if (A[i][k] == 0.0) continue;
-            A[i][k] *= pivot;
-            for (int j = k + 1; j < HDA_NX; j++) A[i][j] -= A[i][k] * A[k][j];
-        }
-    }
-    return 1;
-}
-
-static void solve(double A[HDA_NX][HDA_NX], const int *row, double *b) {
-    for (int k = 0; k < HDA_NX; k++) {
-        const double t = b[row[k]];
-        b[row[k]] = b[k];
-        b[k] = t;
-    }
-    for (int i = 1; i < HDA_NX; i++) {
-        for (int j = 0; j < i; j++) b[i] -= A[i][j] * b[j];
-    }
-    for (int i = HDA_NX - 1; i >= 0; i--) {
-        for (int j = i + 1; j < HDA_NX; j++) b[i] -= A[i][j] * b[j];
-        b[i] /= A[i][i];
-    }
-}
-
-static double lost(double *out) {
-    for (int i = 0; i < HDA_NX; i++) out[i] = NAN;
-    return INFINITY;
-}
-
-/* One step; returns the error estimate as a multiple of the tolerance, infinite where the result is not a number. */
-static double rodas(const double *x, const double *u, const double *c, const double *J, double h, double *out) {
-    double A[HDA_NX][HDA_NX], k[6][HDA_NX], y[HDA_NX], f[HDA_NX], worst = 0.0;
-    int row[HDA_NX];
-    for (int i = 0; i < HDA_NX; i++) {
-        for (int j = 0; j < HDA_NX; j++) A[i][j] = (i == j ? 1.0 / (h * gamma_) : 0.0) - J[j * HDA_NX + i];
-    }
-    if (!factor(A, row)) return lost(out);
-    for (int stage = 0; stage < 6; stage++) {
-        for (int i = 0; i < HDA_NX; i++) {
-            double sum = x[i];
-            for (int m = 0; m < stage; m++) sum += a_[stage][m] * k[m][i];
-            y[i] = sum;
-        }
-        hda_rhs(y, u, c, f);
-        for (int i = 0; i < HDA_NX; i++) {
-            double sum = 0.0;
-            for (int m = 0; m < stage; m++) sum += c_[stage][m] * k[m][i];
-            k[stage][i] = f[i] + sum / h;
-        }
-        solve(A, row, k[stage]);
-    }
-    for (int i = 0; i < HDA_NX; i++) {
-        out[i] = y[i] + k[5][i];
-        const double e = fabs(k[5][i]) / (HDA_TOLERANCE * (bound[i] + fabs(x[i])));
-        worst = e <= worst ? worst : e < INFINITY && worst < INFINITY ? e : INFINITY;
-    }
-    return worst < INFINITY ? worst : lost(out);
-}
-
-/* The step in parts that keep the tolerance: halves of halves, at most HDA_MOST_PARTS of them, whose lengths go to `lengths`.
- * Returns their number. The error goes with the fourth power of a part, so a part is doubled where 16 times its error is fine. */
-static int adapt(const double *x, const double *u, const double *c, double h, double *lengths, double *out) {
-    double at[HDA_NX], next[HDA_NX], by_x[HDA_NX * HDA_NX];
-    long part = 0, whole = 1; /* the step is divided into `whole` parts, `part` of which are done */
-    int count = 0;
-    memcpy(at, x, sizeof at);
-    while (part < whole) {
-        double error;
-        hda_state_jacobian(at, u, c, by_x);
-        while ((error = rodas(at, u, c, by_x, h / (double)whole, next)) > 1.0 && whole < HDA_MOST_PARTS) {
-            part *= 2;
-            whole *= 2;
-        }
-        lengths[count++] = h / (double)whole;
-        memcpy(at, next, sizeof at);
-        if (error == INFINITY) break; /* not a number, and it stays so */
-        for (part++; part % 2 == 0 && part < whole && 16.0 * error < 1.0; error *= 16.0) {
-            part /= 2;
-            whole /= 2;
-        }
-    }
-    memcpy(out, at, sizeof at);
-    return count;
-}
-
-/* The step in given parts. */
-static void follow(const double *x, const double *u, const double *c, const double *lengths, int count, double *out) {
-    double at[HDA_NX], by_x[HDA_NX * HDA_NX];
-    memcpy(at, x, sizeof at);
-    for (int k = 0; k < count; k++) {
-        double next[HDA_NX];
-        hda_state_jacobian(at, u, c, by_x);
-        rodas(at, u, c, by_x, lengths[k], next);
-        memcpy(at, next, sizeof at);
-    }
-    memcpy(out, at, sizeof at);
-}
-
-void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) {
-    double lengths[HDA_MOST_PARTS];
-    adapt(x, u, c, *h, lengths, out);
-}
-
-/* Central differences over the parts of the step itself, so that no change of parts disturbs them. */
-void hda_step_jacobian(const double *x, const double *u, const double *p, const double *h, double *next, double *by_x, double *by_u, double *by_p) {
-    double c[HDA_NC], w[HDA_NX + HDA_NU + HDA_NP], high[HDA_NX], low[HDA_NX], lengths[HDA_MOST_PARTS];
-    memcpy(w, x, HDA_NX * sizeof *w);
-    memcpy(w + HDA_NX, u, HDA_NU * sizeof *w);
-    memcpy(w + HDA_NX + HDA_NU, p, HDA_NP * sizeof *w);
-    hda_prepare(w + HDA_NX + HDA_NU, c);
-    const int count = adapt(w, w + HDA_NX, c, *h, lengths, next);
-    for (int j = 0; j < HDA_NX + HDA_NU + HDA_NP; j++) {
-        const int parameter = j >= HDA_NX + HDA_NU;
-        const double keep = w[j], d = 6e-6 * (fabs(keep) + (j < HDA_NX ? bound[j] * 1e-2 : keep == 0.0 ? 1e-3 : 0.0));
-        double *column = j < HDA_NX ? by_x + j * HDA_NX : parameter ? by_p + (j - HDA_NX - HDA_NU) * HDA_NX : by_u + (j - HDA_NX) * HDA_NX;
-        w[j] = keep + d;
-        if (parameter) hda_prepare(w + HDA_NX + HDA_NU, c);
-        follow(w, w + HDA_NX, c, lengths, count, high);
-        w[j] = keep - d;
-        if (parameter) hda_prepare(w + HDA_NX + HDA_NU, c);
-        follow(w, w + HDA_NX, c, lengths, count, low);
-        w[j] = keep;
-        for (int i = 0; i < HDA_NX; i++) column[i] = (high[i] - low[i]) / (2.0 * d);
-    }
-}
-
-#else
+/* ---- the smooth step and its derivatives; with stiff memories they stand in hda_rodas.c ---- */
 
 void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) { rk4(x, u, NULL, c, *h, out); }
 
@@ -244,22 +79,25 @@ void hda_step_jacobian(const double *x, const double *u, const double *p, const 
 
 /* ---- set-valued friction ---- */
 
-/* The direction of each joint: that of its speed; at rest it stays while dry friction can hold it, else it gives way, the most
- * overloaded first, because a joint that moves off changes what its neighbours carry. */
-static void choose(const double *x, const double *u, const double *c, const int *kept, double *s) {
-    int resting = 0;
+enum { HELD = 2, MOST_EVENTS = 4 * HDA_N, MOST_TRIALS = 12 };
+
+/* The direction of each joint: that of its speed; at rest what was decided within the step (the direction in which it gave way,
+ * HELD until the end, 0 open). An open one stays while dry friction can hold it, else it gives way, the most overloaded first,
+ * because a joint that moves off changes what its neighbours carry. */
+static void choose(const double *x, const double *u, const double *c, const int *decided, double *s) {
+    int open = 0;
     for (int j = 0; j < HDA_N; j++) {
         const double speed = x[slide[j]];
-        s[j] = speed > 0.0 ? 1.0 : speed < 0.0 ? -1.0 : 0.0;
-        resting |= s[j] == 0.0;
+        s[j] = speed > 0.0 ? 1.0 : speed < 0.0 ? -1.0 : decided[j] == HELD ? 0.0 : decided[j];
+        open |= s[j] == 0.0 && decided[j] != HELD;
     }
-    for (int round = 0; resting && round < HDA_N; round++) {
+    for (int round = 0; open && round < HDA_N; round++) {
         double hold[HDA_N], level[HDA_N], most = 0.0;
         int which = -1;
         hda_holding(x, u, s, c, hold, level);
         for (int j = 0; j < HDA_N; j++) {
             const double over = fabs(hold[j]) - level[j];
-            if (s[j] == 0.0 && !kept[j] && over > most) {
+            if (s[j] == 0.0 && decided[j] != HELD && over > most) {
                 most = over;
                 which = j;
             }
@@ -269,67 +107,96 @@ static void choose(const double *x, const double *u, const double *c, const int 
     }
 }
 
-static int reversed(const double *x, const double *s, int j) { return s[j] != 0.0 && x[slide[j]] * s[j] < 0.0; }
-
-/* The share of the step after which the first joint stops; 1 where none does, and -1 where one that just moved off turns back. */
-static double first_stop(const double *x, const double *next, const double *s, int *which) {
-    double first = 1.0;
-    *which = -1;
+/* What each joint has left before it changes, below 0 when it is overdue: its speed along its direction; at rest what dry
+ * friction can still hold, with the direction of the push. */
+static void margins(const double *x, const double *u, const double *c, const double *s, double *margin, int *push) {
+    double hold[HDA_N] = {0}, level[HDA_N] = {0};
+    int rests = 0;
+    for (int j = 0; j < HDA_N; j++) rests |= s[j] == 0.0;
+    if (rests) hda_holding(x, u, s, c, hold, level);
     for (int j = 0; j < HDA_N; j++) {
-        if (!reversed(next, s, j)) continue;
-        const double from = x[slide[j]], share = from == 0.0 ? -1.0 : from / (from - next[slide[j]]);
-        if (*which < 0 || share < first) {
-            first = share;
-            *which = j;
+        margin[j] = s[j] != 0.0 ? x[slide[j]] * s[j] : level[j] - fabs(hold[j]);
+        push[j] = hold[j] > 0.0 ? 1 : -1;
+    }
+}
+
+/* The joint that changes first within the step, -1 if none, and after which share of it, by straight lines; the share is -1 for
+ * a joint that has just moved off and turned back. */
+static int first_change(const double *before, const double *after, const double *s, const int *decided, double *share) {
+    int which = -1;
+    for (int j = 0; j < HDA_N; j++) {
+        if (!(after[j] < 0.0) || (s[j] == 0.0 && decided[j] == HELD)) continue;
+        const double own = s[j] != 0.0 && before[j] == 0.0 ? -1.0 : before[j] / (before[j] - after[j]);
+        if (which < 0 || own < *share) {
+            which = j;
+            *share = own;
         }
     }
-    return first;
+    return which;
+}
+
+/* The share of h at which the margin of joint j is 0, to rounding, with the state there in `next`: regula falsi, and Illinois
+ * halves the value at an end that stays. */
+static double locate(const double *x, const double *u, const double *c, const double *s, double h, int j, double from, double to, double share, double *next) {
+    double a = 0.0, b = 1.0, margin[HDA_N];
+    int push[HDA_N], side = 0;
+    for (int trial = 0;; trial++) {
+        rk4(x, u, s, c, share * h, next);
+        margins(next, u, c, s, margin, push);
+        const double f = margin[j];
+        if (f > 0.0) {
+            a = share;
+            from = f;
+            if (side > 0) to *= 0.5;
+            side = 1;
+        } else {
+            b = share;
+            to = f;
+            if (side < 0) from *= 0.5;
+            side = -1;
+        }
+        const double better = f == 0.0 ? share : (a * to - b * from) / (to - from);
+        if (!(fabs(better - share) > 1e-14) || trial == MOST_TRIALS) return share;
+        share = better;
+    }
 }
 
 static void exact(const double *x, const double *u, const double *c, double h, double *out) {
-    double at[HDA_NX], next[HDA_NX], s[HDA_N], left = h;
-    int kept[HDA_N] = {0}, done = 0;
+    double at[HDA_NX], next[HDA_NX], s[HDA_N], before[HDA_N], after[HDA_N], left = h;
+    int decided[HDA_N] = {0}, push[HDA_N], which = 0;
     memcpy(at, x, sizeof at);
-    for (int event = 0; event < 4 * HDA_N; event++) {
-        int which;
-        choose(at, u, c, kept, s);
+    for (int event = 0; event < MOST_EVENTS; event++) {
+        double share = 1.0;
+        choose(at, u, c, decided, s);
+        margins(at, u, c, s, before, push);
         rk4(at, u, s, c, left, next);
-        double share = first_stop(at, next, s, &which);
-        done = which < 0;
-        if (done) break;
+        margins(next, u, c, s, after, push);
+        which = first_change(before, after, s, decided, &share);
+        if (which < 0) break;
         if (share < 0.0) { /* friction holds it after all */
-            kept[which] = 1;
+            decided[which] = HELD;
             continue;
         }
-        double a = 0.0, b = 1.0, fa = at[slide[which]], fb = next[slide[which]];
-        for (int trial = 0; trial < 8; trial++) { /* regula falsi with Illinois' halving */
-            rk4(at, u, s, c, share * left, next);
-            const double f = next[slide[which]];
-            if (fabs(f) <= 1e-12 * bound[slide[which]]) break;
-            if ((f > 0.0) == (fa > 0.0)) {
-                a = share;
-                fa = f;
-                fb *= 0.5;
-            } else {
-                b = share;
-                fb = f;
-                fa *= 0.5;
-            }
-            share = (a * fb - b * fa) / (fb - fa);
-        }
+        share = locate(at, u, c, s, left, which, before[which], after[which], share, next);
+        margins(next, u, c, s, after, push);
         for (int j = 0; j < HDA_N; j++) {
-            if (j == which || reversed(next, s, j)) next[slide[j]] = 0.0;
+            if (s[j] == 0.0) {
+                if (j == which) decided[j] = push[j];
+            } else if (j == which || after[j] < 0.0) {
+                decided[j] = 0;
+                next[slide[j]] = 0.0;
+            }
         }
         memcpy(at, next, sizeof at);
         left *= 1.0 - share;
     }
-    if (!done) { /* too many stops in one step: whoever rests now rests until its end */
-        for (int j = 0; j < HDA_N; j++) kept[j] = at[slide[j]] == 0.0;
-        choose(at, u, c, kept, s);
+    if (which >= 0) { /* too many changes in one step: whoever rests now rests until its end */
+        for (int j = 0; j < HDA_N; j++) decided[j] = at[slide[j]] == 0.0 ? HELD : 0;
+        choose(at, u, c, decided, s);
         rk4(at, u, s, c, left, next);
     }
     for (int j = 0; j < HDA_N; j++) {
-        if (s[j] == 0.0 || reversed(next, s, j)) next[slide[j]] = 0.0;
+        if (s[j] == 0.0 || next[slide[j]] * s[j] < 0.0) next[slide[j]] = 0.0;
     }
     memcpy(out, next, sizeof at);
 }
