@@ -33,8 +33,8 @@ SX = ca.SX
 COMMON = (
     Parameter("period", "s", 1e-3, 1e-5, 0.1, "time from tick to tick"),
     Parameter("velocity_cutoff", "Hz", 80.0, 1.0, 1e4, "cut-off of the filtered differences of both encoders"),
-    Parameter("bandwidth", "rad/s", 120.0, 1.0, 1e4, "of the inner loop, critically damped"),
-    Parameter("observer_bandwidth", "rad/s", 150.0, 0.0, 1e4, "of the disturbance observer; 0 leaves it out"),
+    Parameter("bandwidth", "rad/s", 50.0, 1.0, 1e4, "of the inner loop, critically damped"),
+    Parameter("observer_bandwidth", "rad/s", 100.0, 0.0, 1e4, "of the disturbance observer; 0 leaves it out"),
     Parameter("singularity", "1/kg", 1e-3, 1e-9, 1.0, "added to the tip's mobility, so that singular poses stay finite"),
     Parameter("posture_damping", "1/s", 5.0, 0.0, 1e3, "damping of motion that does not move the tip"),
 )

@@ -1,0 +1,98 @@
+"""Motions to follow: a path of the tip or of the joints, sampled once a tick, as a controller's law takes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hdagen.control import Controller
+from hdagen.plant import Arm, Array, PlantError
+
+CLOSE = 1e-10  # m, of the inverse kinematics
+MOST_STEPS = 60
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Position, velocity and acceleration at every tick ((T, k) each): of the tip (k = 2, m) or of the joints (k = n)."""
+
+    space: str  # "tip" or "joint"
+    period: float
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    @property
+    def time(self) -> Array:
+        """s."""
+        return np.arange(len(self.position)) * self.period
+
+    def rows(self) -> Array:
+        """As a law takes it: position, velocity, acceleration side by side."""
+        return np.ascontiguousarray(np.hstack([self.position, self.velocity, self.acceleration]))
+
+
+def circle(
+    radius: float, center: tuple[float, float], turn: float, seconds: float, period: float = 1e-3, start: float = 1.0
+) -> Reference:
+    """The tip on a circle (m), one ``turn`` in so many seconds, brought to speed within ``start`` seconds without a jump in
+    acceleration."""
+    if not (radius > 0 and turn > 0 and seconds > 0 and period > 0 and start > 0):
+        raise PlantError("a circle needs a positive radius, turn, length, period and start.")
+    t = np.arange(int(round(seconds / period))) * period
+    s = np.clip(t / start, 0, 1)
+    w = 2 * np.pi / turn
+    rising = t < start
+    angle = w * np.where(rising, start * (2.5 * s**4 - 3 * s**5 + s**6), t - start / 2)
+    rate = w * np.where(rising, 10 * s**3 - 15 * s**4 + 6 * s**5, 1.0)
+    change = w * np.where(rising, (30 * s**2 - 60 * s**3 + 30 * s**4) / start, 0.0)
+    out, along = np.c_[np.cos(angle), np.sin(angle)], np.c_[-np.sin(angle), np.cos(angle)]
+    velocity = radius * rate[:, None] * along
+    acceleration = radius * (change[:, None] * along - rate[:, None] ** 2 * out)
+    return Reference("tip", period, np.asarray(center) + radius * out, velocity, acceleration)
+
+
+def posture(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
+    """Joint positions (n) that bring the tip to ``point`` (m), the solution next to ``near``. PlantError where out of reach."""
+    goal, q = np.asarray(point, float), np.array(near, float)
+    if goal.shape != (2,) or q.shape != (arm.n,):
+        raise PlantError(f"posture takes a point (x, y) and {arm.n} joint positions.")
+    for _ in range(MOST_STEPS):
+        gap = goal - arm.evaluate("points", q=q)["points"][-2:]
+        if np.hypot(*gap) < CLOSE:
+            return q
+        J = arm.evaluate("tip_jacobian", q=q, v=np.zeros(arm.n))["J"].reshape(arm.n, 2).T
+        step = np.linalg.lstsq(J, gap, rcond=1e-9)[0]
+        q = q + step * min(1.0, 0.3 / max(np.abs(step).max(), 1e-300))
+    raise PlantError(
+        f"the tip does not reach ({goal[0]:g}, {goal[1]:g}) m from joint positions {np.round(np.asarray(near), 3).tolist()}; choose a point "
+        "within the links' reach, or start nearer."
+    )
+
+
+def to_joints(arm: Arm, reference: Reference, near: ArrayLike) -> Reference:
+    """The joint motion of a tip motion, along the branch of ``near``; the tip's acceleration is met too."""
+    positions = np.empty((len(reference.position), arm.n))
+    q = np.asarray(near, float)
+    for k, point in enumerate(reference.position):
+        q = posture(arm, point, q)
+        positions[k] = q
+    at_rest = arm.evaluate("tip_jacobian", q=positions, v=np.zeros(arm.n))
+    J = at_rest["J"].reshape(-1, arm.n, 2).transpose(0, 2, 1)
+    back = np.linalg.pinv(J)
+    v = np.einsum("tij,tj->ti", back, reference.velocity)
+    turn = arm.evaluate("tip_jacobian", q=positions, v=v)["Jdot_v"]
+    a = np.einsum("tij,tj->ti", back, reference.acceleration - turn)
+    return Reference("joint", reference.period, positions, v, a)
+
+
+def fitting(controller: Controller, reference: Reference, near: ArrayLike) -> Reference:
+    """The reference in the space of the controller's law: joints or tip."""
+    wanted = controller.reference_names[0].split("_")[0]
+    if reference.space == wanted:
+        return reference
+    if wanted == "joint":
+        return to_joints(controller.arm, reference, near)
+    raise PlantError(f"{controller.law} follows the tip; give a motion of the tip, not of the joints.")

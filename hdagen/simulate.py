@@ -1,0 +1,223 @@
+"""A controller against the compiled arm, with its sensors: what a log of the machine would hold, and the truth beside it.
+
+The arm has set-valued friction; the controller sees encoders with their resolution, a force sensor with noise, and everything late by
+the delay. Row k of the log holds what was sampled at t_k and the command that was held from t_k to the next row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hdagen.control import Controller
+from hdagen.log import Log
+from hdagen.plant import Arm, Array, PlantError
+from hdagen.reference import Reference, fitting, posture
+
+
+@dataclass(frozen=True)
+class Push:
+    """A force of the world on the tip, N in the base frame, from start to end, s."""
+
+    start: float
+    end: float
+    force: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What sensors do to the truth; None: from the robot file. ``delay``: ticks from a sample to its use."""
+
+    motor_resolution: tuple[float, ...] | None = None  # rad
+    joint_resolution: tuple[float, ...] | None = None  # rad
+    current_noise: tuple[float, ...] | None = None  # A, standard deviation
+    force_noise: float = 0.2  # N, standard deviation
+    delay: int = 0
+
+    @classmethod
+    def exact(cls, n: int) -> Sensors:
+        """Sensors without error, for n joints."""
+        none = (0.0,) * n
+        return cls(none, none, none, 0.0, 0)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """The log, and the truth at the same rows: state (T, nx), tip (T, 2), joint_torque (T, n), torque (T, n, sent to the motors),
+    push (T, 2), and the controller's status of each tick."""
+
+    log: Log
+    state: Array
+    tip: Array
+    joint_torque: Array
+    torque: Array
+    push: Array
+    status: Array
+    beyond_law: int
+
+
+def simulate(
+    arm: Arm,
+    controller: Controller,
+    reference: Reference,
+    pushes: Sequence[Push] = (),
+    sensors: Sensors | None = None,
+    seed: int = 0,
+    start: ArrayLike | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Log:
+    """The log of ``controller`` driving ``arm`` along ``reference``; see `run` for the truth beside it."""
+    return run(arm, controller, reference, pushes, sensors, seed, start, progress).log
+
+
+def run(
+    arm: Arm,
+    controller: Controller,
+    reference: Reference,
+    pushes: Sequence[Push] = (),
+    sensors: Sensors | None = None,
+    seed: int = 0,
+    start: ArrayLike | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Simulation:
+    """Simulate. ``arm`` is the plant and may have other parameters than the controller's arm. ``start``: joint positions near which the
+    motion begins (default: a bent arm); the arm begins at rest there. The same seed gives the same log, to the bit.
+
+    Raises PlantError where the reference is out of reach, or the period is not the controller's.
+    """
+    if reference.period != controller.guard.period:
+        raise PlantError(f"the reference's period is {reference.period} s and the controller's {controller.guard.period} s; make them equal.")
+    near = np.full(arm.n, 0.6) if start is None else np.asarray(start, float)
+    q0 = posture(arm, reference.position[0], near) if reference.space == "tip" else reference.position[0]
+    wanted = fitting(controller, reference, q0)
+    rows, count = wanted.rows(), len(reference.position)
+    push = _forces(pushes, reference.time)
+    scheme = _errors(arm, sensors or Sensors())
+    random = np.random.default_rng(seed)
+    noise = random.normal(size=(count, 2)) * scheme.force_noise
+    seen, state, torque, status = _loop(arm, controller, rows, push, push + noise, q0, scheme, progress)
+    inputs = np.hstack([torque / _constants(arm), push])
+    truth = arm.outputs(state, inputs)
+    commanded = inputs[:, : arm.n]
+    measured = np.vstack([np.zeros(arm.n), commanded[:-1]]) + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)
+    columns: dict[str, Array] = {}
+    for j in range(arm.n):
+        kind = arm.input_names[j].rpartition("_")[0]
+        columns[f"{kind}_command_{j + 1}"], columns[f"{kind}_{j + 1}"] = commanded[:, j], measured[:, j]
+        columns[f"motor_position_{j + 1}"], columns[f"joint_position_{j + 1}"] = seen[:, j], seen[:, arm.n + j]
+        if wanted.space == "joint":
+            columns[f"joint_position_reference_{j + 1}"] = wanted.position[:, j]
+    columns["tip_force_x"], columns["tip_force_y"] = (push + noise).T
+    columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
+    log = Log(reference.time, columns, arm.n, f"simulated: {arm.robot['name']}, {controller.law}, seed {seed}")
+    beyond = int(np.any(truth["beyond_law"] > 0, axis=1).sum())
+    return Simulation(log, state, truth["tip"], truth["joint_torque"], torque, push, status, beyond)
+
+
+@dataclass(frozen=True)
+class _Errors:
+    resolution: Array  # of θ then q
+    current_noise: Array
+    force_noise: float
+    delay: int
+
+
+def _errors(arm: Arm, sensors: Sensors) -> _Errors:
+    joints = arm.robot["joints"]
+    chosen = []
+    for given, key in (
+        (sensors.motor_resolution, "motor_encoder_resolution"),
+        (sensors.joint_resolution, "joint_encoder_resolution"),
+        (sensors.current_noise, "current_noise"),
+    ):
+        values = np.array([joint["sensor"][key] for joint in joints] if given is None else given, float)
+        if values.shape != (arm.n,) or not (np.isfinite(values).all() and (values >= 0).all()):
+            raise PlantError(f"{key} takes {arm.n} values, finite and not negative.")
+        chosen.append(values)
+    if sensors.delay < 0 or not sensors.force_noise >= 0:
+        raise PlantError("delay and force_noise must not be negative.")
+    return _Errors(np.concatenate(chosen[:2]), chosen[2], sensors.force_noise, int(sensors.delay))
+
+
+def _constants(arm: Arm) -> Array:
+    """Motor torque per unit of input (n)."""
+    return np.array([arm.parameters.get(f"torque_constant_{j}", 1.0) for j in range(1, arm.n + 1)])
+
+
+def _forces(pushes: Sequence[Push], time: Array) -> Array:
+    total = np.zeros((len(time), 2))
+    for push in pushes:
+        total[(time >= push.start) & (time < push.end)] += push.force
+    return total
+
+
+def _loop(
+    arm: Arm,
+    controller: Controller,
+    rows: Array,
+    push: Array,
+    felt: Array,
+    q0: Array,
+    scheme: _Errors,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[Array, Array, Array, Array]:
+    """Tick by tick: what the encoders said (T, 2n), the states, the torques, the statuses."""
+    n, count, period = arm.n, len(rows), controller.guard.period
+    steps = max(1, int(np.ceil(period / arm.step_size - 1e-9)))
+    x, u, h = arm.rest(q0), np.zeros(arm.nu), np.array([period / steps])
+    plant = arm.module.bind("step_exact", x, u, arm.c, h, x)
+    motor = [arm.index(f"motor_position_{j}") if j in arm.manifest["flexible"] else -1 for j in range(1, n + 1)]
+    joint = [arm.index(f"joint_position_{j}") for j in range(1, n + 1)]
+    ratios = np.array([arm.parameters[f"ratio_{j}"] for j in range(1, n + 1)])
+    constants = _constants(arm)
+    seen, state = np.empty((count, 2 * n)), np.empty((count, arm.nx))
+    torque, status = np.empty((count, n)), np.empty(count, np.int32)
+    step = np.where(scheme.resolution > 0, scheme.resolution, 1.0)
+    for k in range(count):
+        q = x[joint]
+        theta = np.where(np.array(motor) >= 0, x[motor], ratios * q)
+        raw = np.concatenate([theta, q])
+        seen[k] = np.where(scheme.resolution > 0, np.round(raw / step) * step, raw)
+        state[k] = x
+        late = max(0, k - scheme.delay)
+        controller.motor_position[:], controller.joint_position[:] = seen[late, :n], seen[late, n:]
+        controller.tip_force[:] = felt[late]
+        controller.reference[:] = rows[k]
+        status[k] = controller.tick(k * period, stamp=late * period)
+        torque[k] = controller.torque
+        u[:n], u[n:] = torque[k] / constants, push[k]
+        for _ in range(steps):
+            plant.run()
+        if progress is not None and k % 500 == 0:
+            progress(k, count)
+    return seen, state, torque, status
+
+
+def ideal(arm: Arm, controller: Controller, push: Array, period: float) -> Array:
+    """How far M ẍ + B ẋ + K x = F moves the tip (T, 2, m) under ``push`` (T, 2, N): what a Cartesian law is to do."""
+    names = controller.gains
+    if "mass_x" not in names:
+        raise PlantError(f"{controller.law} has no Cartesian mass, damping and stiffness.")
+    moved = np.zeros_like(push)
+    for axis, name in enumerate("xy"):
+        M, B, K = (names[f"{what}_{name}"] for what in ("mass", "damping", "stiffness"))
+        E = _transition(np.array([[0, 1, 0], [-K / M, -B / M, 1 / M], [0, 0, 0]]) * period)
+        z = np.zeros(2)
+        for k in range(len(push)):
+            moved[k, axis] = z[0]
+            z = E[:2, :2] @ z + E[:2, 2] * push[k, axis]
+    return moved
+
+
+def _transition(A: Array) -> Array:
+    values: Array = np.eye(len(A))
+    term: Array = np.eye(len(A))
+    for k in range(1, 25):
+        term = term @ (A / 64) / k
+        values = values + term
+    for _ in range(6):
+        values = values @ values
+    return values
