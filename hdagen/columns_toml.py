@@ -22,6 +22,12 @@ def load(path: Path | str) -> ColumnMap:
         raise ColumnsError([f"{path}: cannot be read ({error.strerror}): give the path of a columns.toml."]) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ColumnsError([f"{path}: not valid TOML ({error}): correct it there."]) from None
+    return check(tables, path)
+
+
+def check(tables: dict[str, Any], path: Path) -> ColumnMap:
+    """A columns.toml as parsed, checked; ``path`` stands in the sentences. Raises ColumnsError."""
+    tables = dict(tables)
     problems: list[str] = []
     ignore = _ignored(path, tables.pop("ignore", []), problems)
     frame = _frame(path, tables.pop("tip_force"), problems) if "tip_force" in tables else None
@@ -155,6 +161,7 @@ def _source(path: Path, name: str, entry: dict[str, Any], problems: list[str]) -
     )
 
 
+KEYS = frozenset(_KEYS)
 _PLAIN = ("period", "counts_per_turn", "subtract", "joint_side_ratio", "shift_rows", "fill", "duplicates")
 
 

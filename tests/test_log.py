@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hdagen import columns_toml
 from hdagen.log import ColumnsError, Log, LogError, gaps, read, write
 from hdagen.matfile import read_mat
 
@@ -712,6 +714,21 @@ def test_a_broken_columns_toml_is_one_sentence(tmp_path: Path, content: bytes) -
     assert len(raised.value.problems) == 1 and str(columns) in raised.value.problems[0]
     with pytest.raises(ColumnsError, match="cannot be read"):
         read(csv(tmp_path, HEADER, *rows()), tmp_path / "none.toml")
+
+
+def test_the_examples_of_the_documentation_are_valid() -> None:
+    text = (EXAMPLES.parent / "log.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    assert blocks
+    for path in EXAMPLES.glob("*/columns*.toml"):
+        blocks.append(path.read_text(encoding="utf-8"))
+    assert len(blocks) == 4
+    used = set()
+    for block in blocks:
+        used |= {key for table in tomllib.loads(block).values() if isinstance(table, dict) for key in table}
+        columns_toml.check(tomllib.loads(block), Path("columns.toml"))
+    table_of_keys = set(re.findall(r"`(\w+)`", " ".join(re.findall(r"^\| (`.*?) \|", text, re.MULTILINE))))
+    assert columns_toml.KEYS <= used | {"period"} and columns_toml.KEYS <= table_of_keys
 
 
 # Real machines, through the examples of the documentation

@@ -131,10 +131,11 @@ def _row(log: Log, one: Lag, command: str, name: str, joint: int) -> list[Findin
         return [Finding(Severity.REFUSE, "row_shift", joint, sentence)]
     if one.rows <= 0 and one.misfit < 0.9 * one.usual:
         early = 1 - one.rows
+        shown = f"k+{-one.rows}" if one.rows else "k"
         sentence = (
-            f"{name} shows in row k the command of row {f'k+{-one.rows}' if one.rows else 'k'}, before it acts: "
-            f"shifted; set shift_rows = {-early} under [{command}] (logged late), or = {early} under [{name}] "
-            "(logged early), in columns.toml."
+            f"{name} shows in row k the command of row {shown}, before it can have acted; set shift_rows = {-early} "
+            f"under [{command}] (it is logged late) or shift_rows = {early} under [{name}] (it is logged early), "
+            "in columns.toml."
         )
         return [Finding(Severity.REFUSE, "row_shift", joint, sentence)]
     if one.rows == 2 and one.misfit < 0.8 * one.usual:
