@@ -100,6 +100,7 @@ def figures(word: Callable[[str], str]) -> list[str]:
         figure.table(
             word("numbers"), [word("name"), word("value")], [[word("largest"), 0.02143], [word("none"), None]]
         ),
+        figure.lines(word("clock"), 1.7e9 + TIME, [series(word("one"), 1e3 + 1e-3 * TIME)], y_label=word("height (m)")),
     ]
 
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(
     chromium.PROGRAM is None,
     reason="no Chromium is installed; `apt-get install chromium` brings what this test looks with",
 )
-FIGURES = {"arm": 0, "torques": 1, "paths": 2, "spectrum": 3, "bars": 4, "map": 5, "names": 6, "numbers": 7}
+FIGURES = {"arm": 0, "torques": 1, "paths": 2, "spectrum": 3, "bars": 4, "map": 5, "names": 6, "numbers": 7, "clock": 8}
 
 
 @pytest.fixture(scope="module")
@@ -180,10 +180,15 @@ def test_cursor_finds_the_cell_of_a_heat_map(shown: chromium.Page) -> None:
 
 def test_saved_numbers_are_those_that_were_given(shown: chromium.Page) -> None:
     rows = list(csv.reader(io.StringIO(saved(shown, "torques", "CSV"))))
-    assert rows[0][:3] == ["time (s)", "joint 1 true: torque (N m)", "joint 1 estimate: torque (N m)"]
+    assert rows[11][0] == "0.1" and rows[0][:3] == ["time (s)", "joint 1 true: torque (N m)", "joint 1 estimate: torque (N m)"]
     table = np.array(rows[1:], dtype=float)
     np.testing.assert_allclose(table[:, 0], sample_page.TIME, atol=1e-6)
     np.testing.assert_allclose(table[:, 1], sample_page.TORQUE, atol=1e-6)
+    rows = list(csv.reader(io.StringIO(saved(shown, "spectrum", "CSV"))))
+    frequency = np.geomspace(0.1, 500.0, 300)
+    np.testing.assert_allclose(np.array(rows[1:], dtype=float), np.stack([frequency, 1e-3 / frequency], 1), rtol=1e-6)
+    rows = list(csv.reader(io.StringIO(saved(shown, "clock", "CSV"))))
+    assert float(rows[-1][0]) - float(rows[1][0]) == pytest.approx(9.99, abs=1e-6) and float(rows[1][0]) == 1.7e9
     assert list(csv.reader(io.StringIO(saved(shown, "numbers", "CSV")))) == [
         ["name", "value"],
         ["largest", "0.02143"],
@@ -246,16 +251,16 @@ def test_phone_dark_and_print(shown: chromium.Page, tmp_path: Path) -> None:
         return str(shown.run("getComputedStyle(document.body).backgroundColor"))
 
     path = tmp_path / "page.html"
-    assert visible(shown, "svg.wide") == 7 and visible(shown, "svg.narrow") == 0
+    assert visible(shown, "svg.wide") == 8 and visible(shown, "svg.narrow") == 0
     assert background() == "rgb(255, 255, 255)"
     look(shown, path, width=420, scheme="dark")
-    assert visible(shown, "svg.wide") == 0 and visible(shown, "svg.narrow") == 7
+    assert visible(shown, "svg.wide") == 0 and visible(shown, "svg.narrow") == 8
     assert shown.run("document.documentElement.scrollWidth") <= 420
     assert background() == "rgb(20, 23, 28)"
     curve = 'getComputedStyle(document.querySelector("svg.narrow .blue")).color'
     assert shown.run(curve) == "rgb(63, 155, 224)"
     look(shown, path, scheme="dark", media="print")
-    assert visible(shown, "svg.wide") == 7 and visible(shown, ".tools") == 0 and visible(shown, ".player") == 0
+    assert visible(shown, "svg.wide") == 8 and visible(shown, ".tools") == 0 and visible(shown, ".player") == 0
     assert background() == "rgb(255, 255, 255)"
 
 
@@ -265,7 +270,7 @@ def test_readable_without_the_script(tab: chromium.Page, tmp_path: Path) -> None
     tab.call("Emulation.setScriptExecutionDisabled", value=True)
     try:
         look(tab, path)
-        assert visible(tab, "svg.wide") == 7 and visible(tab, "svg.narrow") == 0 and visible(tab, "button") == 0
+        assert visible(tab, "svg.wide") == 8 and visible(tab, "svg.narrow") == 0 and visible(tab, "button") == 0
         assert visible(tab, "svg.wide .curve") >= 6 and visible(tab, "td") >= 2
     finally:
         tab.call("Emulation.setScriptExecutionDisabled", value=False)

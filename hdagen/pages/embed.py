@@ -14,14 +14,15 @@ from hdagen.pages.thin import Array, packed
 def embedded(plots: Sequence[Plot], *, shared: bool) -> dict[str, object]:
     """``columns`` of packed numbers in base units, and for each plot which of them its curves are made of.
 
-    ``shared``: all curves have the x of the first. The values of a column are ``start`` + its packed floats, so that
-    the time of day of a clock loses nothing.
+    ``shared``: all curves have the x of the first. The values of a column are ``start`` + its packed floats: far
+    from zero, as a clock's time of day is, the difference keeps the digits, and near it they keep themselves.
     """
     columns: list[dict[str, object]] = []
 
     def column(label: str, values: Array) -> int:
         finite = values[~np.isnan(values)]
-        start = float(finite[0]) if finite.size else 0.0
+        far = finite.size > 0 and abs(finite[0]) > 10 * np.ptp(finite)
+        start = float(finite[0]) if far else 0.0
         columns.append({"label": label, "start": start, "data": packed(values - start)})
         return len(columns) - 1
 

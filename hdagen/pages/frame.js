@@ -39,7 +39,8 @@ const saveDrawing = (figure) => {
   save(figure, new XMLSerializer().serializeToString(copy), "image/svg+xml", ".svg");
 };
 const cell = (value) => {
-  if (typeof value === "number") return Number.isFinite(value) ? String(Number(value.toPrecision(12))) : "";
+  const digits = Math.fround(value) === value ? 8 : 13; // of what was packed in 32 bits, and of anything else
+  if (typeof value === "number") return Number.isFinite(value) ? String(Number(value.toPrecision(digits))) : "";
   const text = String(value ?? "");
   return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 };
