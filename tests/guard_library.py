@@ -1,4 +1,4 @@
-"""The guard's C compiled into a folder and mirrored in ctypes, and an arm that ticks it: what the tests of the guard stand on."""
+"""The guard's C compiled into a folder and mirrored in ctypes, and an arm that ticks it, for the tests of the guard."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ TEMPLATES = ROOT / "gen" / "templates"
 HARNESS = ROOT / "tests" / "guard_harness.c"
 SOURCES = tuple(TEMPLATES / f"{name}.c" for name in ("hda_limit", "hda_guard", "hda_guard_config"))
 HEADER = (TEMPLATES / "hda_guard.h").read_text(encoding="ascii")
-STRICT = (
-    "-std=c99 -O2 -ffp-contract=off -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wstrict-prototypes -Werror".split()
-)
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wstrict-prototypes"]
+STRICT = ["-std=c99", "-O2", "-ffp-contract=off", *WARNINGS, "-Werror"]
 
 SENTENCES = {
     name: (int(code), words) for name, code, words in re.findall(r'HDA_STATUS\((\w+), (-?\d+), "(.*)"\)', HEADER)
@@ -149,7 +148,7 @@ class Library:
         return arm
 
     def run(self, guard: Any, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Many ticks in C; rows as in guard_harness.c. Returns torque (ticks, n), counted time (ticks,), status (ticks,)."""
+        """Many ticks in C; rows as in guard_harness.c. Returns torque (ticks, n), counted time (ticks,), status."""
         rows = np.ascontiguousarray(rows, dtype=float)
         torque, counted = np.empty((len(rows), self.n)), np.empty(len(rows))
         status = np.empty(len(rows), dtype=np.int32)

@@ -1,7 +1,7 @@
 """hda_limit proved for every double: z3 holds the claims, and the very expression proved is run beside the C.
 
-`limiter` is written once over z3's Float64, additions included (no abstraction). `evaluate` walks that expression over numpy,
-so that what is compared with the C bit by bit is what was proved, not a second transcription.
+`limiter` is written once over z3's Float64, additions included (no abstraction). `evaluate` walks that expression over
+numpy, so that what is compared with the C bit by bit is what was proved, not a second transcription.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import itertools
 import math
 from collections.abc import Callable
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -177,11 +176,20 @@ OPERATIONS: dict[int, Callable[..., Any]] = {
 }
 
 EDGES = np.array(
-    [0, 1, 2, 0x000FFFFFFFFFFFFF, 0x0010000000000000, 0x0010000000000001, 0x3CB0000000000000, 0x3FEFFFFFFFFFFFFF,
-     0x3FF0000000000000, 0x3FF0000000000001, 0x4014000000000000, 0x7FEFFFFFFFFFFFFE, 0x7FEFFFFFFFFFFFFF, 0x7FF0000000000000,
-     0x7FF0000000000001, 0x7FF4000000000000, 0x7FF8000000000000, 0x7FF8DEADBEEF0001, 0x7FFFFFFFFFFFFFFF],
+    [
+        *(0, 1, 2, 0x000FFFFFFFFFFFFF, 0x0010000000000000, 0x0010000000000001),  # zero, denormals, the smallest normals
+        *(
+            0x3CB0000000000000,
+            0x3FEFFFFFFFFFFFFF,
+            0x3FF0000000000000,
+            0x3FF0000000000001,
+            0x4014000000000000,
+        ),  # about 1
+        *(0x7FEFFFFFFFFFFFFE, 0x7FEFFFFFFFFFFFFF, 0x7FF0000000000000),  # the largest, infinity
+        *(0x7FF0000000000001, 0x7FF4000000000000, 0x7FF8000000000000, 0x7FF8DEADBEEF0001, 0x7FFFFFFFFFFFFFFF),  # NaN
+    ],
     dtype=np.uint64,
-)  # fmt: skip
+)
 
 
 def hostile_columns(count: int, seed: int) -> dict[str, np.ndarray]:

@@ -209,7 +209,7 @@ static int keep_force(const hda_guard *g, const double *step, double *out)
     if (force <= limit) return HDA_FINE;
     approach(g, zero, step, low);
     const double least = hda_guard_force(g->force_map, low);
-    const double share = hda_finite(force) && least <= limit ? (limit - least) / (force - least) : 0.0;
+    const double share = least <= limit ? (limit - least) / (force - least) : 0.0;
     for (int j = 0; j < HDA_N; j++) {
         const double wanted = low[j] + share * (out[j] - low[j]);
         out[j] = hda_limit(wanted, g->sent[j], g->config.torque_limit[j], step[j]);
@@ -217,18 +217,33 @@ static int keep_force(const hda_guard *g, const double *step, double *out)
     return least <= limit ? HDA_FORCE_LIMITED : HDA_FAULT_FORCE;
 }
 
-/* Force, torque, rate: the controller's torque made legal. */
+/* What the force limit leaves of a torque, as a share of the whole vector. */
+static double force_share(const hda_guard *g, const double *torque)
+{
+    const double force = force_limited(g) ? hda_guard_force(g->force_map, torque) : 0.0;
+    return force > g->config.force_limit ? g->config.force_limit / force : 1.0;
+}
+
+/* Force, torque, rate: the controller's torque made legal. Cutting single joints can raise the force again; then the
+ * step goes straight to what fits the torque limit as a whole, and that way keeps the force limit. */
 static int limit_result(const hda_guard *g, const double *raw, const double *step, double *out)
 {
     const hda_guard_config *c = &g->config;
-    const double force = force_limited(g) ? hda_guard_force(g->force_map, raw) : 0.0;
-    const double scale = force > c->force_limit ? c->force_limit / force : 1.0;
-    int status = scale < 1.0 ? HDA_FORCE_LIMITED : HDA_FINE;
+    const double share = force_share(g, raw);
+    double wanted[HDA_N], over = 1.0;
+    int status = share < 1.0 ? HDA_FORCE_LIMITED : HDA_FINE;
     for (int j = 0; j < HDA_N; j++) {
-        const double wanted = scale * raw[j];
-        out[j] = hda_limit(wanted, g->sent[j], c->torque_limit[j], step[j]);
-        if (hda_magnitude(wanted) > c->torque_limit[j] && status < HDA_TORQUE_LIMITED) status = HDA_TORQUE_LIMITED;
-        if (out[j] != wanted && status < HDA_RATE_LIMITED) status = HDA_RATE_LIMITED;
+        wanted[j] = share * raw[j];
+        const double size = hda_magnitude(wanted[j]) / c->torque_limit[j];
+        out[j] = hda_limit(wanted[j], g->sent[j], c->torque_limit[j], step[j]);
+        if (size > over) over = size;
+        if (size > 1.0 && status < HDA_TORQUE_LIMITED) status = HDA_TORQUE_LIMITED;
+        if (out[j] != wanted[j] && status < HDA_RATE_LIMITED) status = HDA_RATE_LIMITED;
+    }
+    if (force_share(g, out) < 1.0) {
+        for (int j = 0; j < HDA_N; j++) wanted[j] /= over;
+        approach(g, wanted, step, out);
+        status = HDA_FORCE_LIMITED;
     }
     const int kept = keep_force(g, step, out);
     return kept != HDA_FINE ? kept : status;
@@ -248,10 +263,11 @@ static void safe_torque(hda_guard *g, int level, const double *step, double *out
         if (level >= HDA_SAFE_HOLD) law[j] += c->safe_stiffness[j] * (g->hold[j] - g->measured.motor_position[j]);
     }
     if (hda_not_finite(law, HDA_N) != 0) memset(law, 0, sizeof law);
+    const double share = force_share(g, law);
     for (int j = 0; j < HDA_N; j++) {
         const double limit = c->torque_limit[j];
         const int first = g->safe_ticks == 0; /* the law alone sets where its torque starts */
-        g->target[j] = hda_limit(law[j], first ? 0.0 : g->target[j], limit, first ? limit : 0.5 * step[j]);
+        g->target[j] = hda_limit(share * law[j], first ? 0.0 : g->target[j], limit, first ? limit : 0.5 * step[j]);
     }
     approach(g, g->target, step, out);
     (void)keep_force(g, step, out); /* already refused: out is as near to the force limit as the rate allows */
@@ -378,6 +394,5 @@ int hda_guard_recover(hda_guard *g, double now, const hda_measurement *m)
     if (check_jump(g, m).code != HDA_FINE) return HDA_RECOVER_JUMP;
     g->latched = 0;
     g->trust = HDA_SAFE_HOLD;
-    g->repeated_stamps = g->repeated_bits = 0;
     return HDA_FINE;
 }

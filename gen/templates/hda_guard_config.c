@@ -64,8 +64,7 @@ int hda_guard_configure(hda_guard *g, const hda_guard_config *config)
         if (g->latched || g->open) return HDA_CONFIG_BUSY;
         for (int j = 0; j < HDA_N; j++)
             if (hda_magnitude(g->sent[j]) > config->torque_limit[j]) return HDA_CONFIG_SENT;
-        if (config->force_limit < HDA_UNLIMITED && g->map_known
-            && hda_guard_force(g->force_map, g->sent) > config->force_limit)
+        if (config->force_limit < HDA_UNLIMITED && hda_guard_force(g->force_map, g->sent) > config->force_limit)
             return HDA_CONFIG_SENT;
     } else {
         memset(g, 0, sizeof *g);
