@@ -160,7 +160,7 @@ def _scale(axis: Axis, room: float, height: float, font: float, levels: Sequence
         x = float(axis.place(np.array([value]), room)[0])
         if np.isfinite(x):
             parts.append(tag("path", d=f"M{x:.1f} -3V{height:.1f}", stroke="currentColor", stroke_dasharray="2 4"))
-            parts.append(letters(x, -6.0, text, anchor="middle", faint=True))
+            parts.append(letters(x, -6.0, shortened(text, room / 2, font), anchor="middle", faint=True))
     parts.append(
         letters(room / 2, height + 2.9 * font, shortened(axis.quantity.label, room, font), anchor="middle", strong=True)
     )
