@@ -25,7 +25,7 @@ import casadi as ca
 
 from gen import drive, torque_estimate
 from gen.effect import Parameter
-from gen.functions import Emitted, dense
+from gen.emitted import Emitted, dense
 from gen.model import Model, solve_symmetric
 
 SX = ca.SX

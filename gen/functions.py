@@ -1,8 +1,4 @@
-"""The functions that are emitted: the model's equations arranged by what callers need.
-
-Every function takes dense column vectors and gives dense column vectors (matrices column by column), so that one signature,
-`void hda_<name>(const double *in…, double *out…)`, serves C, Python and the interpreter alike.
-"""
+"""The right-hand side of the arm, arranged for speed: drives in lanes, constants computed once, and its derivatives."""
 
 from __future__ import annotations
 
@@ -11,34 +7,11 @@ from typing import Any
 
 import casadi as ca
 
-from gen import drive
-from gen.effect import Port, Signals
+from gen import drive, mechanics
+from gen.emitted import Emitted, dense
 from gen.model import Drives, Model
 
 SX = ca.SX
-
-
-@dataclass(frozen=True)
-class Emitted:
-    """A function to emit: the graph, and what it is for."""
-
-    graph: ca.Function
-    meaning: str
-
-    @property
-    def name(self) -> str:
-        """Name without prefix."""
-        return str(self.graph.name())
-
-    @property
-    def inputs(self) -> tuple[tuple[str, int], ...]:
-        """Names and lengths."""
-        return tuple((self.graph.name_in(k), self.graph.numel_in(k)) for k in range(self.graph.n_in()))
-
-    @property
-    def outputs(self) -> tuple[tuple[str, int], ...]:
-        """Names and lengths."""
-        return tuple((self.graph.name_out(k), self.graph.numel_out(k)) for k in range(self.graph.n_out()))
 
 
 @dataclass(frozen=True)
@@ -63,18 +36,6 @@ class Graphs:
     chain: ca.Function  # smooth: (x, u, lane outputs, c) -> rate of x
     c: Any
     functions: tuple[Emitted, ...] = field(default_factory=tuple)
-
-
-def dense(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> ca.Function:
-    """A Function of dense column vectors."""
-    return ca.Function(
-        name,
-        list(inputs.values()),
-        [ca.vec(ca.densify(SX(value))) for value in outputs.values()],
-        list(inputs),
-        list(outputs),
-        {"cse": True},
-    )
 
 
 def hoist(expressions: list[Any], p: Any) -> tuple[list[Any], list[Any], list[Any]]:
@@ -162,8 +123,8 @@ def assemble(model: Model) -> Graphs:
             dense("rhs_jacobian", xuc, dict(zip(("by_x", "by_u", "by_p"), jacobians, strict=True))),
             "derivatives of the rate by x, u and p, column by column",
         ),
-        *_kinematics(model, c),
-        *_dynamics(model, c),
+        *mechanics.kinematics(model, c),
+        *mechanics.dynamics(model, c),
     ]
     if model.stiff:
         functions += [
@@ -292,135 +253,3 @@ def _stiffness_rate(model: Model) -> Any:
             if s.stiff:
                 fastest = ca.fmax(fastest, ca.fabs(ca.jacobian(rate, model.slot(f"{s.name}_{j}"))))
     return fastest
-
-
-# -- kinematics, dynamics, outputs ----------------------------------------------------------------------------------
-
-
-def _kinematics(model: Model, c: Any) -> list[Emitted]:
-    chain, p = model.chain, model.chain_parameters()
-    q, v = SX.sym("q", model.n), SX.sym("v", model.n)
-    J = chain.jacobian(q, p)
-    slip = ca.jtimes(J @ v, q, v)
-    out = [
-        Emitted(dense("points", {"q": q, "c": c}, {"points": chain.points(q, p).T}), "origins of the joints and the tip, m, (x, y) each"),
-        Emitted(
-            dense("tip_jacobian", {"q": q, "v": v, "c": c}, {"J": J, "tip_velocity": J @ v, "Jdot_v": slip}),
-            "∂tip/∂q (2 × n, column by column), velocity of the tip, and dJ/dt q̇",
-        ),
-    ]
-    load = SX.sym("joint_torque", model.n)
-    twist = [
-        drive.torsion(load[j - 1], drive.springs(model.of_joint(j))) if j in model.flexible else SX(0) for j in model.joints
-    ]
-    out.append(Emitted(dense("torsion", {"joint_torque": load, "c": c}, {"torsion": ca.vertcat(*twist)}), "torsion of the springs under a torque, rad"))
-    if chain.kinds == ("revolute", "revolute"):
-        point = SX.sym("point", 2)
-        both = chain.branches(point, p)
-        out.append(
-            Emitted(
-                dense("inverse_kinematics", {"point": point, "c": c}, {"q_positive": both[:, 0], "q_negative": both[:, 1]}),
-                "joint angles that reach a point, for both signs of the elbow; NaN out of reach",
-            )
-        )
-    return out
-
-
-def _dynamics(model: Model, c: Any) -> list[Emitted]:
-    chain, p = model.chain, model.chain_parameters()
-    n, q, v, a = model.n, model.q, model.v, SX.sym("a", model.n)
-    x, u = model.x, model.u
-    qs, vs = SX.sym("q", n), SX.sym("v", n)
-    drives = {j: model.drive(j, model.of_joint(j)) for j in model.joints}
-    kinetic, potential = _energy(model, drives)
-    swap = lambda e: ca.substitute(e, ca.vertcat(q, v), ca.vertcat(qs, vs))  # noqa: E731
-    xc, qvc = {"x": x, "c": c}, {"q": qs, "v": vs, "c": c}
-    force = SX.sym("tip_force", 2)
-    torque = chain.recursion(qs, vs, a, p, (p["gravity_x"], p["gravity_y"]), (force[0], force[1]))
-    return [
-        Emitted(
-            dense("mass_matrix", {"q": qs, "c": c}, {"M": swap(model.inertia())}),
-            "mass matrix of the links and the rotors of rigid drives (n × n)",
-        ),
-        Emitted(dense("coriolis_matrix", qvc, {"C": chain.coriolis_matrix(qs, vs, p)}), "Christoffel matrix C with Ṁ − 2C skew (n × n)"),
-        Emitted(dense("gravity_torque", {"q": qs, "c": c}, {"g": chain.gravity(qs, p)}), "torque that holds the arm at rest, N m"),
-        Emitted(
-            dense(
-                "inverse_dynamics",
-                {"q": qs, "v": vs, "a": a, "tip_force": force, "c": c},
-                {"joint_torque": torque, "motor_torque": _motor_torque(model, qs, vs, a, torque)},
-            ),
-            "joint torque, and motor torque with the gear taken as rigid, that give the acceleration a",
-        ),
-        Emitted(dense("energy", xc, {"kinetic": kinetic, "potential": potential}), "kinetic and potential energy, J"),
-        Emitted(dense("outputs", {"x": x, "u": u, "c": c}, _sensed(model, drives)), "what a complete set of exact sensors reads"),
-    ]
-
-
-def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> Any:
-    """Torque at each motor when θ = N q: J_m N a + viscous + dry friction − other motor effects + τ/N (n)."""
-    out = []
-    for j in model.joints:
-        p = model.of_joint(j)
-        omega = p["ratio"] * v[j - 1]
-        signals = {"motor_position": p["ratio"] * q[j - 1], "motor_velocity": omega, "ratio": p["ratio"]}
-        direction = ca.tanh(omega / p["friction_smoothing"])
-        level = sum(e.equation(Signals(**signals, joint_torque=joint_torque[j - 1]), p) for e in model.at(Port.FRICTION, j))
-        other = sum(
-            e.equation(Signals(**signals, friction_level=level, direction=direction), p)
-            for e in model.at(Port.MOTOR, j)
-            if not e.states
-        )
-        link = sum(
-            e.equation(Signals(joint_position=q[j - 1], joint_velocity=v[j - 1], **signals), p) for e in model.at(Port.LINK, j)
-        )
-        reaction = model.reaction(j, p)
-        carried = 0 if reaction is None else (reaction @ a)[0]
-        own = p["motor_inertia"] * (p["ratio"] * a[j - 1] + carried)
-        out.append(own + level * direction - other + (joint_torque[j - 1] - link) / p["ratio"])
-    torque = ca.vertcat(*out)
-    for j in model.joints:  # the rotor of a later joint pulls on the links that carry it
-        p = model.of_joint(j)
-        reaction = model.reaction(j, p)
-        if reaction is not None:
-            push = p["motor_inertia"] * (p["ratio"] * a[j - 1] + (reaction @ a)[0])
-            torque = torque + ca.vertcat(*(reaction[k - 1] * push / model.of_joint(k)["ratio"] for k in model.joints))
-    return torque
-
-
-def _energy(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
-    q, v, p = model.q, model.v, model.chain_parameters()
-    kinetic = v.T @ model.inertia() @ v / 2
-    potential = SX(0)
-    for j in model.flexible:
-        own = model.of_joint(j)
-        reaction = model.reaction(j, own)
-        speed = model.slot(f"motor_velocity_{j}") + (0 if reaction is None else (reaction @ v)[0])
-        kinetic = kinetic + own["motor_inertia"] * speed * speed / 2
-        potential = potential + own["stiffness_level"] * drive.energy(drives[j].spring_torque, drive.springs(own))
-    points = model.chain.points(q, p)
-    bodies = model.chain.bodies(p)
-    absolute = SX(0)
-    for j in model.joints:
-        absolute = absolute + (q[j - 1] if model.robot.joints[j - 1].kind == "revolute" else 0)
-        com = [bodies[j - 1].mass * points[j - 1, k] + bodies[j - 1].moment * f(absolute) for k, f in ((0, ca.cos), (1, ca.sin))]
-        potential = potential - p["gravity_x"] * com[0] - p["gravity_y"] * com[1]
-    return kinetic, potential
-
-
-def _sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
-    out: dict[str, list[Any]] = {k: [] for k in ("motor_position", "motor_velocity", "torsion", "beyond_law", "joint_torque")}
-    for j in model.joints:
-        p, d = model.of_joint(j), drives[j]
-        if j in model.rigid:
-            q, v = model.slot(f"joint_position_{j}"), model.slot(f"joint_velocity_{j}")
-            row = [p["ratio"] * q, p["ratio"] * v, SX(0), SX(0), p["ratio"] * d.net]
-        else:
-            beyond = ca.fabs(d.torsion) > drive.springs(p).law_torsion
-            row = [model.slot(f"motor_position_{j}"), model.slot(f"motor_velocity_{j}"), d.torsion, beyond, d.joint_torque]
-        for name, value in zip(out, row, strict=True):
-            out[name].append(value)
-    chain, p = model.chain, model.chain_parameters()
-    joined = {name: ca.vertcat(*values) for name, values in out.items()}
-    tip = {"tip": chain.tip(model.q, p), "tip_velocity": chain.jacobian(model.q, p) @ model.v}
-    return {**joined, "joint_position": model.q, "joint_velocity": model.v, **tip}

@@ -9,7 +9,8 @@ import casadi as ca
 
 from gen import torque_estimate
 from gen.compliance import Law, laws
-from gen.functions import Emitted, Graphs, assemble, dense
+from gen.emitted import Emitted, dense
+from gen.functions import Graphs, assemble
 from gen.model import Model, solve_symmetric
 
 SX = ca.SX

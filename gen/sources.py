@@ -9,11 +9,11 @@ from typing import Any
 import casadi as ca
 
 from gen import native
+from gen.compliance import Law
 from gen.description import canonical
 from gen.effect import Effect
 from gen.emit import scalar_function, signature
-from gen.functions import Emitted
-from gen.compliance import Law
+from gen.emitted import Emitted
 from gen.library import Library
 from gen.model import Model
 

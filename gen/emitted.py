@@ -1,0 +1,46 @@
+"""A function to emit: dense column vectors in, dense column vectors out (matrices column by column), so that one signature,
+`void hda_<name>(const double *in…, double *out…)`, serves C, Python and the interpreter alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+SX = ca.SX
+
+
+@dataclass(frozen=True)
+class Emitted:
+    """A function to emit: the graph, and what it is for."""
+
+    graph: ca.Function
+    meaning: str
+
+    @property
+    def name(self) -> str:
+        """Name without prefix."""
+        return str(self.graph.name())
+
+    @property
+    def inputs(self) -> tuple[tuple[str, int], ...]:
+        """Names and lengths."""
+        return tuple((self.graph.name_in(k), self.graph.numel_in(k)) for k in range(self.graph.n_in()))
+
+    @property
+    def outputs(self) -> tuple[tuple[str, int], ...]:
+        """Names and lengths."""
+        return tuple((self.graph.name_out(k), self.graph.numel_out(k)) for k in range(self.graph.n_out()))
+
+
+def dense(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> ca.Function:
+    """A Function of dense column vectors."""
+    return ca.Function(
+        name,
+        list(inputs.values()),
+        [ca.vec(ca.densify(SX(value))) for value in outputs.values()],
+        list(inputs),
+        list(outputs),
+        {"cse": True},
+    )
