@@ -180,7 +180,8 @@ def test_cursor_finds_the_cell_of_a_heat_map(shown: chromium.Page) -> None:
 
 def test_saved_numbers_are_those_that_were_given(shown: chromium.Page) -> None:
     rows = list(csv.reader(io.StringIO(saved(shown, "torques", "CSV"))))
-    assert rows[11][0] == "0.1" and rows[0][:3] == ["time (s)", "joint 1 true: torque (N m)", "joint 1 estimate: torque (N m)"]
+    assert rows[11][0] == "0.1"
+    assert rows[0][:3] == ["time (s)", "joint 1 true: torque (N m)", "joint 1 estimate: torque (N m)"]
     table = np.array(rows[1:], dtype=float)
     np.testing.assert_allclose(table[:, 0], sample_page.TIME, atol=1e-6)
     np.testing.assert_allclose(table[:, 1], sample_page.TORQUE, atol=1e-6)
