@@ -97,8 +97,8 @@ def build(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> 
     made, effects, examined = assembled(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
-    if place(source, profile, out, extra)[2] != content:
-        raise BuildError(f"{source}: the file changed while it was read; build again.")
+    if place(source, profile, out, extra) != (folder, name, content):
+        raise BuildError(f"{source}: the file, or the generator, changed during the build; build again.")
     try:
         out.mkdir(parents=True, exist_ok=True)
         with _lock(out / ".lock"):

@@ -102,11 +102,14 @@ def library(folder: Path, sources: list[str], profile: str, name: str) -> None:
     """Compile the sources in folder, two at a time, and link them into folder/name; objects are removed."""
     compiler = find()
     objects = [source.removesuffix(".c") + ".o" for source in sources]
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        start = (*compiler.command, *flags(profile))
-        jobs = [((*start, "-c", source, "-o", o), folder / o) for source, o in zip(sources, objects, strict=True)]
+    start = (*compiler.command, *flags(profile))
+    jobs = [((*start, "-c", source, "-o", o), folder / o) for source, o in zip(sources, objects, strict=True)]
+    pool = ThreadPoolExecutor(max_workers=2)
+    try:
         for done in [pool.submit(_run, *job) for job in jobs]:
             done.result()
+    finally:
+        pool.shutdown(cancel_futures=True)  # after an error or an interrupt nothing more is begun
     shared = ("-dynamiclib", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
     _run((*compiler.command, *shared, "-o", name, *objects, "-lm"), folder / name)
     for o in objects:
