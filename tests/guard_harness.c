@@ -1,5 +1,5 @@
-/* Drives the guard for the tests: many ticks in one call, and, as a program of its own, a storm of hostile calls that checks
- * every torque it gets. Built with -DGUARD_STORM it has a main, to be run under the sanitizers and valgrind. */
+/* Drives the guard for the tests: many ticks in one call; and with -DGUARD_STORM, as a program for the sanitizers and
+ * valgrind, a storm of hostile calls that checks every torque it gets. */
 #include "hda_guard.h"
 
 #include <stddef.h>
@@ -9,7 +9,7 @@
 
 enum { MEASURED = 3 + 5 * HDA_N, REFERENCES = 2, ROW = 1 + MEASURED + REFERENCES + HDA_N + 2 * HDA_N };
 
-/* The sizes of the four structures and the place of their last members: what a mirror in another language must equal. */
+/* The sizes of the four structures and the places of their last members, which a mirror elsewhere must equal. */
 void harness_layout(int64_t *layout)
 {
     const size_t found[] = {sizeof(hda_guard_config), offsetof(hda_guard_config, safe_stiffness),
@@ -19,7 +19,8 @@ void harness_layout(int64_t *layout)
     for (size_t i = 0; i < sizeof found / sizeof *found; i++) layout[i] = (int64_t)found[i];
 }
 
-void harness_limit(int64_t count, const double *wanted, const double *last, const double *limit, const double *step, double *out)
+void harness_limit(int64_t count, const double *wanted, const double *last, const double *limit, const double *step,
+                   double *out)
 {
     for (int64_t i = 0; i < count; i++) out[i] = hda_limit(wanted[i], last[i], limit[i], step[i]);
 }
@@ -29,7 +30,7 @@ void harness_finite(int64_t count, const double *x, int32_t *out)
     for (int64_t i = 0; i < count; i++) out[i] = hda_finite(x[i]);
 }
 
-/* rows: now, measurement, two references, raw torque, force map. Out: the torque, what the tick counted for in s, the status. */
+/* rows: now, measurement, two references, raw torque, force map. Out: torque, what the tick counted for in s, status. */
 void harness_run(hda_guard *g, int64_t ticks, const double *rows, double *torque, double *counted, int32_t *status)
 {
     for (int64_t k = 0; k < ticks; k++) {
@@ -168,7 +169,8 @@ int main(int argc, char **argv)
             configured += hda_guard_configure(&g, &c) == HDA_FINE;
         }
     }
-    printf("fine %ld degraded %ld refused %ld recovered %ld configured %ld\n", fine, degraded, faults, recovered, configured);
+    printf("fine %ld degraded %ld refused %ld ", fine, degraded, faults);
+    printf("recovered %ld configured %ld\n", recovered, configured);
     return 0;
 }
 

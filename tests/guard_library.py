@@ -98,7 +98,7 @@ class Library:
     def __init__(self, folder: Path, n: int) -> None:
         self.n = n
         path = folder / f"guard_{n}.so"
-        include = ["-I", sizes(folder / f"sizes_{n}", n), "-I", TEMPLATES]
+        include: list[str | Path] = ["-I", sizes(folder / f"sizes_{n}", n), "-I", TEMPLATES]
         run(["gcc", *STRICT, "-fPIC", "-shared", *include, *SOURCES, HARNESS, "-o", path])
         self.c = ct.CDLL(str(path))
         self.Measurement, self.Config, self.Fault, self.Guard = structures(n)

@@ -386,7 +386,10 @@ def test_null_pointers_are_faults_not_crashes(library: Library) -> None:
         assert NAME[call] == "HDA_FAULT_CONTEXT"
 
 
-@pytest.mark.parametrize("field, value", [("sent", NAN), ("sent", 1e9), ("torque_limit", NAN), ("torque_limit", INF)])
+OVERWRITTEN = [("sent", NAN), ("sent", 1e9), ("torque_limit", NAN), ("torque_limit", INF), ("torque_rate", NAN)]
+
+
+@pytest.mark.parametrize("field, value", OVERWRITTEN)
 def test_the_last_assertion_sends_zero_when_memory_was_overwritten(library: Library, field: str, value: float) -> None:
     arm = library.arm()
     arm.ticks(12, raw=1.0)

@@ -224,27 +224,26 @@ static double force_share(const hda_guard *g, const double *torque)
     return force > g->config.force_limit ? g->config.force_limit / force : 1.0;
 }
 
-/* Force, torque, rate: the controller's torque made legal. Cutting single joints can raise the force again; then the
- * step goes straight to what fits the torque limit as a whole, and that way keeps the force limit. */
+/* Force, torque, rate: the controller's torque made legal. Cutting single joints could raise the force again, so with
+ * a force limit the torque limit scales the whole vector too, and the rate limit goes straight towards it. */
 static int limit_result(const hda_guard *g, const double *raw, const double *step, double *out)
 {
     const hda_guard_config *c = &g->config;
     const double share = force_share(g, raw);
     double wanted[HDA_N], over = 1.0;
-    int status = share < 1.0 ? HDA_FORCE_LIMITED : HDA_FINE;
     for (int j = 0; j < HDA_N; j++) {
         wanted[j] = share * raw[j];
         const double size = hda_magnitude(wanted[j]) / c->torque_limit[j];
-        out[j] = hda_limit(wanted[j], g->sent[j], c->torque_limit[j], step[j]);
         if (size > over) over = size;
-        if (size > 1.0 && status < HDA_TORQUE_LIMITED) status = HDA_TORQUE_LIMITED;
-        if (out[j] != wanted[j] && status < HDA_RATE_LIMITED) status = HDA_RATE_LIMITED;
+        out[j] = hda_limit(wanted[j], g->sent[j], c->torque_limit[j], step[j]);
     }
-    if (force_share(g, out) < 1.0) {
+    if (force_limited(g)) {
         for (int j = 0; j < HDA_N; j++) wanted[j] /= over;
         approach(g, wanted, step, out);
-        status = HDA_FORCE_LIMITED;
     }
+    int status = share < 1.0 ? HDA_FORCE_LIMITED : over > 1.0 ? HDA_TORQUE_LIMITED : HDA_FINE;
+    for (int j = 0; j < HDA_N; j++)
+        if (out[j] != wanted[j] && status == HDA_FINE) status = HDA_RATE_LIMITED;
     const int kept = keep_force(g, step, out);
     return kept != HDA_FINE ? kept : status;
 }
