@@ -1,0 +1,284 @@
+"""The project itself: what README, .ci/run, pyproject and the documents say of each other and of the code holds."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from compiled import Compiled
+
+import hdagen
+from gen.effects import ALL
+from gen.effects_table import table
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+CI = ROOT / ".ci" / "run"
+DOCUMENTS = sorted((ROOT / "docs").glob("*.md"))
+IMPORTED_AS = {"pin": "pinocchio", "pytest-xdist": "xdist", "z3-solver": "z3"}
+
+
+def blocks(kind: str, before: str = "") -> list[str]:
+    """The fenced blocks of the README in that language that follow the line ``before`` at once."""
+    return re.findall(rf"^{re.escape(before)}```{kind}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+
+
+def commands(name: str) -> list[str]:
+    return blocks("sh", f"<!-- command: {name} -->\n")
+
+
+# -- the two commands -------------------------------------------------------------------------------------------------
+
+
+def test_the_readme_has_the_two_commands_of_one_line_each() -> None:
+    assert re.findall(r"<!-- command: (\w+) -->", README) == ["setup", "test"]
+    assert [len(commands(name)) for name in ("setup", "test")] == [1, 1]
+    assert all(commands(name)[0].count("\n") == 1 for name in ("setup", "test"))
+
+
+def test_the_first_command_brings_everything_and_runs_the_demo() -> None:
+    make, install, demo = commands("setup")[0].strip().split(" && ")
+    assert make == "python3 -m venv .venv"
+    assert install == ".venv/bin/pip install -e '.[test]'"
+    assert demo == ".venv/bin/hdagen demo"
+    assert PROJECT["project"]["scripts"] == {"hdagen": "hdagen.__main__:main"}
+    assert "pytest" in names(PROJECT["project"]["optional-dependencies"]["test"])
+
+
+def checkout(folder: Path, setup: str, test: str) -> Callable[..., tuple[int, str, list[str]]]:
+    """A repository of .ci/run, a README with these commands, and a .venv whose programs only note how they were called.
+
+    The returned function runs .ci/run there: exit code, output, and the calls in order.
+    """
+    (folder / ".ci").mkdir(parents=True)
+    (folder / ".ci" / "run").write_bytes(CI.read_bytes())
+    (folder / ".gitignore").write_text(".venv/\n")
+    fenced = "<!-- command: {} -->\n```sh\n{}\n```\n"
+    (folder / "README.md").write_text("# x\n" + fenced.format("setup", setup) + "then\n" + fenced.format("test", test))
+    calls = folder.parent / "calls"
+    programs = folder / ".venv" / "bin"
+    programs.mkdir(parents=True)
+    without_root = folder.parent / "bin"
+    without_root.mkdir()
+    for path, body in [
+        *((programs / name, f'echo "{name} $*" >>"{calls}"') for name in ("pip", "ruff", "mypy", "pytest", "hdagen")),
+        (programs / "python", f'echo "python $1 $2" | head -n 1 >>"{calls}"'),
+        (without_root / "id", "echo 1000"),
+    ]:
+        path.write_text(f"#!/bin/sh\n{body}\n")
+        path.chmod(0o755)
+    git = ["git", "-c", "user.name=x", "-c", "user.email=x@example.org"]
+    for arguments in (["init", "-q"], ["add", "-A"], ["commit", "-q", "-m", "x"]):
+        subprocess.run([*git, *arguments], cwd=folder, check=True, stdin=subprocess.DEVNULL)
+
+    def run(**environment: str) -> tuple[int, str, list[str]]:
+        calls.unlink(missing_ok=True)
+        path = f"{without_root}:{environment.pop('PATH', os.environ['PATH'])}"
+        done = subprocess.run(
+            ["bash", folder / ".ci" / "run"],
+            cwd=folder.parent,
+            env={**os.environ, **environment, "PATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        called = calls.read_text().splitlines() if calls.exists() else []
+        return done.returncode, done.stdout + done.stderr, called
+
+    return run
+
+
+def test_ci_runs_the_readme_s_commands_then_lint_types_layout_and_the_wheel(tmp_path: Path) -> None:
+    run = checkout(tmp_path / "a b", ".venv/bin/hdagen one && .venv/bin/hdagen two", ".venv/bin/pytest three")
+    code, said, calls = run(CI="true")
+    assert code == 0, said
+    assert calls == [
+        "hdagen one",
+        "hdagen two",
+        "pytest three",
+        "pip install -q -e .[lint]",
+        "ruff check",
+        "ruff format --check",
+        "mypy ",
+        "pytest -q tests/test_layout.py",
+        "python -m pip",
+        "python -m pip",
+        "python -c ",
+    ]
+
+
+def test_ci_stops_where_the_first_command_fails(tmp_path: Path) -> None:
+    code, said, calls = checkout(tmp_path / "a", ".venv/bin/hdagen one && false", ".venv/bin/pytest three")()
+    assert code == 1
+    assert calls == ["hdagen one"]
+    assert "FAILED" in said
+
+
+def test_ci_fails_and_says_so_where_a_later_step_fails_or_the_checkout_is_dirtied(tmp_path: Path) -> None:
+    code, said, calls = checkout(tmp_path / "a", "touch left-behind", "false")()
+    assert code == 1
+    assert said[said.rindex("failed after") :].split("\n")[1:] == ["  false", "  git status", ""]
+    assert "?? left-behind" in said
+    assert "mypy " in calls
+
+
+def test_ci_leaves_an_active_environment_of_another_python_alone(tmp_path: Path) -> None:
+    old = tmp_path / "old"
+    (old / "bin").mkdir(parents=True)
+    (old / "bin" / "python3").write_text("#!/bin/sh\nexit 1\n")
+    (old / "bin" / "python3").chmod(0o755)
+    setup = """python3 -c 'import sys; print("found", sys.version_info >= (3, 11))'; echo "in ${VIRTUAL_ENV-none}"; """
+    run = checkout(tmp_path / "a", setup + 'echo "path ${PYTHONPATH-none}"', "true")
+    path = f"{old / 'bin'}:{os.environ['PATH']}"
+    for active in ({"VIRTUAL_ENV": str(old)}, {}):  # activated, or only first on the path
+        code, said, _ = run(PATH=path, PYTHONPATH="/nowhere", **active)
+        assert code == 0, said
+        assert "found True\nin none\npath none\n" in said
+
+
+# -- README and documents ---------------------------------------------------------------------------------------------
+
+
+def test_the_table_of_effects_is_current() -> None:
+    found = re.findall(r"^<!-- effects: begin -->\n(.*)^<!-- effects: end -->$", README, re.MULTILINE | re.DOTALL)
+    assert found == [table()], "put what `python -m gen.effects_table` prints between the README's two markers"
+
+
+def test_the_table_has_a_row_of_full_cells_for_every_effect() -> None:
+    rows = [row for row in table().splitlines() if row.startswith("| `")]
+    assert sorted(row.split("`")[1] for row in rows) == sorted(effect.name for effect in ALL)
+    for row in rows:
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
+        assert len(cells) == 5
+        assert all(cells), row
+
+
+def test_the_readme_s_python_runs(build: Callable[..., Compiled]) -> None:
+    code = "\n".join(blocks("python"))
+    assert "hdagen.load(" in code
+    environment = {**os.environ, "HDAGEN_BUILD": str(build("paper").folder.parent)}
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_readme_says_what_the_guard_is_not() -> None:
+    sentence = "not a safety-rated function; use it behind a certified stop"
+    assert sentence in README
+    assert "(docs/safety.md)" in README[README.index(sentence) :][:200]
+
+
+def links(path: Path) -> Iterator[str]:
+    text = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not target.startswith(("http://", "https://", "#")):
+            yield target.partition("#")[0]
+
+
+@pytest.mark.parametrize("path", [ROOT / "README.md", *DOCUMENTS], ids=lambda path: path.name)
+def test_every_link_leads_somewhere(path: Path) -> None:
+    assert [target for target in links(path) if not (path.parent / target).exists()] == []
+
+
+def test_the_index_lists_every_document_once() -> None:
+    listed = [target for target in links(ROOT / "docs" / "README.md") if target.endswith(".md")]
+    assert sorted(listed) == sorted(path.name for path in DOCUMENTS if path.name != "README.md")
+
+
+# -- package ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_folder_of_code_is_a_package() -> None:
+    folders = {path.parent for half in ("gen", "hdagen") for path in (ROOT / half).rglob("*.py")}
+    assert [str(folder) for folder in folders if not (folder / "__init__.py").is_file()] == []
+
+
+def test_every_file_beside_the_code_is_package_data() -> None:
+    data = PROJECT["tool"]["setuptools"]["package-data"]
+    packages = [path.parent for half in ("gen", "hdagen") for path in (ROOT / half).rglob("__init__.py")]
+    taken = set()
+    for package in packages:
+        name = ".".join(package.relative_to(ROOT).parts)
+        for pattern in (*data["*"], *data.get(name, ())):
+            taken |= set(package.glob(pattern))
+    files = {path for half in ("gen", "hdagen") for path in (ROOT / half).rglob("*") if path.is_file()}
+    beside = {path for path in files if path.suffix not in (".py", ".pyc")}
+    assert {path.parent.name for path in beside} >= {"templates", "presets"}
+    assert sorted(str(path.relative_to(ROOT)) for path in beside - taken) == []
+
+
+def names(requirements: list[str]) -> set[str]:
+    return {re.split(r"[<>=!~;\[ ]", requirement, maxsplit=1)[0] for requirement in requirements}
+
+
+def imported(folder: str) -> set[str]:
+    """Top-level names that the Python files of a folder import from outside the standard library and the project."""
+    found = set()
+    for path in (ROOT / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.partition(".")[0])
+    own = {"gen", "hdagen", *(path.stem for path in (ROOT / "tests").glob("*.py"))}
+    return found - own - sys.stdlib_module_names
+
+
+def test_what_the_code_imports_is_what_pyproject_asks_for() -> None:
+    needed = names(PROJECT["project"]["dependencies"])
+    for_tests = needed | names(PROJECT["project"]["optional-dependencies"]["test"])
+    assert imported("gen") | imported("hdagen") <= {IMPORTED_AS.get(name, name) for name in needed}
+    assert imported("tests") <= {IMPORTED_AS.get(name, name) for name in for_tests}
+
+
+def test_every_dependency_is_documented() -> None:
+    text = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    extras = PROJECT["project"]["optional-dependencies"]
+    for heading, wanted in (
+        ("## To run", PROJECT["project"]["dependencies"]),
+        *((f"## Extra `{extra}`", requirements) for extra, requirements in extras.items()),
+    ):
+        section = text.partition(f"{heading}\n")[2].partition("\n## ")[0]
+        assert set(re.findall(r"^\| `([\w-]+)` \|", section, re.MULTILINE)) == names(wanted), heading
+
+
+def test_the_versions_agree() -> None:
+    version = PROJECT["project"]["version"]
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert hdagen.__version__ == version
+    assert re.findall(r"^## (.+)$", changelog, re.MULTILINE)[0] == version
+    assert citation()["version"] == version
+
+
+def citation() -> dict[str, str]:
+    """The `key: value` lines at the top level of CITATION.cff; a key of a list or a folded text has "" or its mark."""
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    for line in text.splitlines():
+        assert re.fullmatch(r"([a-z-]+:( .+)?|  .*\S)", line), line
+    pairs = re.findall(r"^([a-z-]+):[ ]?(.*)$", text, re.MULTILINE)
+    assert len(pairs) == len(dict(pairs))
+    return {key: value.strip('"') for key, value in pairs}
+
+
+def test_the_citation_has_what_the_format_asks_for() -> None:
+    cited = citation()
+    assert set(cited) >= {"cff-version", "message", "title", "authors", "version", "license"}
+    assert cited["cff-version"] == "1.2.0"
+    assert cited["license"] == PROJECT["project"]["license"]
+    assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+
+
+def test_every_version_of_the_changelog_tells_its_changes_to_numbers() -> None:
+    versions = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    assert versions
+    for version in versions:
+        assert re.search(r"^### Changes to numbers\n\n\S", version, re.MULTILINE), version.partition("\n")[0]
