@@ -16,14 +16,13 @@ _WINDOW = 0.015  # s, of the boxcar that smooths before differentiating
 class Channel:
     """A channel in numbers, SI.
 
-    Its extremes, how many ``levels`` it takes, the ``step`` they are multiples of (0: none is seen), the standard
-    deviation of its ``noise`` (that of its steps at least), and the share of rows in which it is held at an extreme.
+    Its extremes, the ``step`` its values are multiples of (0: none is seen), the standard deviation of its
+    ``noise`` (that of its steps at least), and the share of rows in which it is held at an extreme.
     """
 
     name: str
     low: float
     high: float
-    levels: int
     step: float
     noise: float
     saturated: float
@@ -36,7 +35,7 @@ class Channel:
     @property
     def moves(self) -> bool:
         """Whether, as a position, it moves as a driven joint does, not as one that is held against the others."""
-        return self.levels >= 50 and self.high - self.low > max(_STILL, 50 * self.noise)
+        return self.high - self.low > max(_STILL, 50 * self.noise)
 
 
 def describe(name: str, values: np.ndarray) -> Channel:
@@ -44,7 +43,7 @@ def describe(name: str, values: np.ndarray) -> Channel:
     levels = np.unique(values)
     step = quantisation(levels)
     spread = max(noise(values), step / math.sqrt(12))
-    return Channel(name, float(levels[0]), float(levels[-1]), len(levels), step, spread, _saturated(values))
+    return Channel(name, float(levels[0]), float(levels[-1]), step, spread, _saturated(values))
 
 
 def quantisation(levels: np.ndarray) -> float:

@@ -144,7 +144,7 @@ def _suspect(
     """Mistakes. One spoils the search for others: a channel found wrong is left out of the comparisons that follow."""
     findings = positions.jumps(log, channels)
     sound = _sound(log, findings)
-    findings += positions.spans(channels, machine) + positions.steps(channels, machine)
+    findings += positions.spans(channels, machine, sound) + positions.steps(channels, machine)
     findings += inputs.current_sizes(channels, machine)
     findings += positions.swapped_encoders(log, channels, sound)
     for joint in _sound(log, findings, ("wrapped", "jump", "swapped")):

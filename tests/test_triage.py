@@ -202,6 +202,13 @@ MISTAKES: dict[str, tuple[Callable[[Log], Log], str, int, str]] = {
         2,
         "[motor_position_2]\njoint_side_ratio = 80",
     ),
+    "motor in degrees at joint scale": (
+        times(DEGREE / 100, "motor_position_1"),
+        "degrees",
+        1,
+        '[motor_position_1]\nunit = "deg"\njoint_side_ratio = 100',
+    ),
+    "motor in turns": (times(1 / (2 * np.pi), "motor_position_2"), "units", 2, '[motor_position_2]\nunit = "turn"'),
     "current reversed": (
         reverse("motor_current_1", "motor_current_command_1"),
         "reversed",
@@ -267,6 +274,7 @@ def test_a_mistake_is_refused_named_and_repaired(good: Log, tmp_path: Path, mist
     found = look(spoilt, stated)
     refused = [f for f in found.findings if f.severity is Severity.REFUSE]
     assert (name, joint) in {(f.name, f.joint) for f in refused}
+    assert {f.name for f in refused} <= {name, "degrees" if "degrees" in mistake else name}  # no other explanation
     spoilt_joints = {j for _, j in {(n, int(n[-1])) for n in _changed(good, spoilt)}}
     assert {f.joint for f in refused} <= spoilt_joints  # a sound joint is never accused
     text = "\n".join(found.refusals)
@@ -332,6 +340,11 @@ def test_glitches_and_jumps_of_an_encoder_are_told_apart(good: Log) -> None:
     assert "first after row 2500" in found.refusals[0]
 
 
+def test_a_reference_may_jump(good: Log) -> None:
+    steps = np.sign(np.sin(2 * good.time)) * 0.5 + 1e-3 * np.sin(good.time)
+    assert look(changed(good, joint_position_reference_1=steps), stated=False).refusals == ()
+
+
 def dropped(log: Log, keep: np.ndarray) -> Log:
     return Log(log.time[keep], {n: v[keep] for n, v in log.columns.items()}, log.n_joints, log.source)
 
@@ -354,6 +367,15 @@ def test_dropped_rows_are_counted_and_too_many_refused(good: Log) -> None:
         and found.gaps == 1
         and any("longest of 0.401 s after row 2000" in s for s in found.warnings)
     )
+
+
+def test_a_position_may_move_far_while_rows_are_missing(good: Log) -> None:
+    position = good["joint_position_1"]
+    low, high = sorted((int(np.argmin(position)), int(np.argmax(position))))
+    hole = np.ones(len(good), bool)
+    hole[low + 1 : high] = False
+    found = look(dropped(good, hole), stated=False)
+    assert not {"jump", "wrapped", "glitch"} & {f.name for f in found.findings}
 
 
 def test_short_still_and_saturated_logs_are_warned_of(good: Log) -> None:
@@ -379,25 +401,31 @@ def test_what_is_missing_is_said_with_its_cost(good: Log) -> None:
     assert any(note.startswith("motor_current_1 is not logged: delay") for note in notes)
 
 
-def test_an_arm_pushed_by_hand_is_not_accused() -> None:
-    """Compliant, and moved by forces alone: the motors take power and follow; with forces logged and without."""
-    time = np.arange(8000) * PERIOD
-    force = 20 * np.sin(2 * np.pi * 0.7 * time) * (np.sin(2 * np.pi * 0.13 * time) > 0)
-    inertia, stiffness, damping, length = 1.3, 30.0, 12.0, 0.3
-    q, speed, torque = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
-    for k in range(len(time) - 1):
-        torque[k] = -stiffness * q[k] - damping * speed[k]
-        push = length * np.cos(q[k]) * force[k]
-        speed[k + 1] = speed[k] + PERIOD * (torque[k] + push - 0.3 * np.tanh(speed[k] / 0.01)) / inertia
-        q[k + 1] = q[k] + PERIOD * speed[k + 1]
-    torque[-1] = torque[-2]
-    columns = {"motor_torque_command_1": torque / 100, "joint_position_1": q, "tip_force_y": force}
-    with_force = Log(time, columns | {"tip_force_x": np.zeros(len(time))}, 1, "")
-    without = Log(time, {n: columns[n] for n in ("motor_torque_command_1", "joint_position_1")}, 1, "")
-    assert np.ptp(q) > 0.1
-    assert triage(with_force, (100.0,)).refusals == ()
-    assert all("hand" not in s for s in triage(with_force, (100.0,)).warnings)
-    assert triage(without, (100.0,)).refusals == ()
+def test_a_sign_that_little_speaks_for_is_a_warning(good: Log) -> None:
+    wander = np.cumsum(np.random.default_rng(6).standard_normal(len(good)))
+    wander = (wander - wander.mean()) / wander.std() * good["motor_current_1"].std()
+    kept = {n: good[n] for n in ("joint_position_1", "motor_position_1")}
+    found = triage(Log(good.time, kept | {"motor_current_1": wander - good["motor_current_1"]}, 1, ""), RATIOS[:1])
+    assert found.refusals == () and any("a reversed sign, or a hand" in sentence for sentence in found.warnings)
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 30.0, 300.0])
+@pytest.mark.parametrize("damping", [3.0, 30.0])
+def test_a_compliant_arm_pushed_by_hand_is_not_accused(stiffness: float, damping: float) -> None:
+    """Moved by forces alone, unlogged: the motor only holds back and takes power out, and is no reversed one."""
+    random = np.random.default_rng(1)
+    time, ratio, inertia = np.arange(8000) * PERIOD, 100.0, 1.3
+    force = 6 * np.sin(2 * np.pi * 0.7 * time) * (np.sin(2 * np.pi * 0.13 * time) > 0) + 3 * np.sin(9 * time)
+    q, torque, speed = np.zeros(len(time)), np.zeros(len(time)), 0.0
+    for k in range(1, len(time)):
+        seen = RESOLUTIONS["joint_position"] * np.rint(q[max(k - 2, 0) : k] / RESOLUTIONS["joint_position"])
+        torque[k] = -stiffness * seen[-1] - damping * (seen[-1] - seen[0]) / PERIOD
+        speed += PERIOD * (torque[k] + force[k] - 0.3 * np.tanh(speed / 0.01)) / inertia
+        q[k] = q[k - 1] + PERIOD * speed
+    measured = torque / ratio + 1e-3 * random.standard_normal(len(time))
+    log = Log(time, {"motor_torque_1": measured, "joint_position_1": q}, 1, "")
+    assert np.ptp(q) > 0.02 and np.mean(torque[:-1] * np.diff(q)) < 0
+    assert triage(log, (ratio,)).refusals == ()
 
 
 # Logs of others
@@ -425,8 +453,12 @@ def test_made_logs_raise_no_suspicion(data_dir: Path, kind: str) -> None:
     if not cases:
         pytest.skip(f"no made logs of kind {kind}")
     for case, name in itertools.product(cases[:: 1 if kind == "pair" else 3], ("log", "hold_out")):
-        found = triage(read(case / f"{name}.parquet", joints=2), **stated(case / "robot.toml"))  # type: ignore[arg-type]
+        facts = stated(case / "robot.toml")
+        found = triage(read(case / f"{name}.parquet", joints=2), **facts)  # type: ignore[arg-type]
         assert found.refusals == () and found.warnings == (), (case, found.refusals, found.warnings)
+        wrong = reverse("motor_current_1", "motor_current_command_1")(read(case / f"{name}.parquet"))
+        refused = [f for f in triage(wrong, **facts).findings if f.severity is Severity.REFUSE]  # type: ignore[arg-type]
+        assert {(f.name, f.joint) for f in refused} == {("reversed", 1)}, case
 
 
 def test_real_logs_raise_no_suspicion_and_a_reversed_one_does(data_dir: Path) -> None:

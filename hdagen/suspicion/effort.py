@@ -1,7 +1,7 @@
 """Mistakes that show once an input is held against the motion it makes: a reversed sign, swapped joints.
 
-An input is fitted by what it can be made of: the joints' accelerations, the joint's own friction, a spring, gravity and
-the tip force. In any machine the joint's own inertia has a positive share, and friction takes power.
+An input is fitted by what it can be made of: the joints' accelerations, the joint's own friction, a spring and gravity.
+In any machine the joint's own inertia has a positive share, and friction takes power.
 """
 
 from __future__ import annotations
@@ -26,17 +26,13 @@ _EXPLAINED = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the joints move, smoothed, on the grid ``even``: each (n, T); joints that do not move are left out.
-
-    ``force`` (2, T) is the tip force, zero where none is logged.
-    """
+    """How the joints move, smoothed, on an even grid: each (n, T); joints that do not move are left out."""
 
     grid: Even
     joints: tuple[int, ...]
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
-    force: np.ndarray
 
     def values(self, log: Log, name: str) -> np.ndarray:
         """The column ``name`` as the terms are: smoothed, one row a window, so that rows are about independent."""
@@ -55,10 +51,7 @@ def motion(log: Log, channels: Mapping[str, Channel], ratios: tuple[float, ...],
                 break
     velocities = [grid.rate(position) for position in positions]
     accelerations = [grid.rate(velocity) for velocity in velocities]
-    force = np.zeros((2, len(grid.time)))
-    if "tip_force_x" in log and "tip_force_y" in log:
-        force = np.array([grid.smooth(log["tip_force_x"]), grid.smooth(log["tip_force_y"])])
-    return Motion(grid, tuple(used), np.array(positions), np.array(velocities), np.array(accelerations), force)
+    return Motion(grid, tuple(used), np.array(positions), np.array(velocities), np.array(accelerations))
 
 
 def swapped_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> list[Finding]:
@@ -121,15 +114,15 @@ def signs(log: Log, channels: Mapping[str, Channel], moving: Motion, lags: Mappi
 def _terms(moving: Motion, one: int, accelerating: list[int]) -> np.ndarray:
     """What the input of the joint at index ``one`` can be made of, (rows, terms), each of unit size.
 
-    The accelerations of ``accelerating`` first, then viscous and Coulomb friction, a constant, a spring, and gravity
-    and the tip force on the joint's own link and those beyond.
+    The accelerations of ``accelerating`` first, then viscous and Coulomb friction, a constant, a spring, and gravity on
+    the joint's own link and on those beyond.
     """
     velocity, position = moving.velocity[one], moving.position[one]
     slow = max(0.05 * float(np.quantile(np.abs(velocity), 0.9)), 1e-12)
     terms = [moving.acceleration[k] for k in accelerating]
     terms += [velocity, np.tanh(velocity / slow), np.ones_like(velocity), position]
     for angle in np.cumsum(moving.position, axis=0)[one:]:
-        terms += [np.sin(angle), np.cos(angle), np.cos(angle) * moving.force[1] - np.sin(angle) * moving.force[0]]
+        terms += [np.sin(angle), np.cos(angle)]
     matrix = np.array(terms).T[:: moving.grid.width]
     return matrix / np.maximum(np.abs(matrix).max(axis=0), 1e-300)
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from hdagen.channels import Channel, even, relation
+from hdagen.columns import split_name
 from hdagen.log import Log, gaps
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
@@ -16,13 +17,13 @@ _TURNS = 25.0  # rad; a joint that spans more turns like a wheel, or is logged i
 
 
 def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Positions that jump by more than half their range in one row: a wrapped encoder, or a glitch."""
+    """Measured positions that jump by more than half their range in one row: a wrapped encoder, or a glitch."""
     findings = []
     after_gap = np.zeros(len(log) - 1, bool)
     after_gap[gaps(log.time)[0]] = True
     for name, channel in channels.items():
-        joint = int(name.rpartition("_")[2]) if "_position_" in name else 0
-        if not joint or not channel.moves or len(log) < 10:
+        base, joint = split_name(name) or ("", 0)
+        if base not in ("motor_position", "joint_position") or not channel.moves or len(log) < 10:
             continue
         moves = np.diff(log[name])
         padded = np.pad(moves, 2, mode="edge")
@@ -38,8 +39,10 @@ def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
         )
         period = next((p for p in _periods() if abs(size / p - 1) < 0.03), None)
         if period is not None:
-            wrap = "wrap = 6.283185307179586" if period == 2 * math.pi else f"wrap = {period:g}"
-            sentence = f"{where}: an encoder that wraps at {period:.5g}; set {wrap} under [{name}] in columns.toml."
+            unit = {360.0: ' and unit = "deg"', 1.0: ' and unit = "turn"'}.get(period, "")
+            wrap = "6.283185307179586" if period == 2 * math.pi else f"{period:g}"
+            repair = f"set wrap = {wrap}{unit} under [{name}] in columns.toml"
+            sentence = f"{where}: an encoder that wraps at {period:.5g}; {repair}."
             findings.append(Finding(Severity.REFUSE, "wrapped", joint, sentence))
         elif len(rows) > 1 and np.all(np.diff(rows)[::2] == 1):
             sentence = (
@@ -58,12 +61,12 @@ def _periods() -> Iterator[float]:
     yield from (2.0**k for k in range(8, 33))
 
 
-def spans(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
-    """Joints that span more than a joint can: degrees."""
+def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -> list[Finding]:
+    """Joints in ``sound`` that span more than a joint can: degrees."""
     findings = []
     for joint, (prismatic, limits) in enumerate(zip(machine.prismatic, machine.position_limits, strict=True), start=1):
         name = f"joint_position_{joint}"
-        if name not in channels or prismatic:
+        if joint not in sound or name not in channels or prismatic:
             continue
         channel = channels[name]
         reach, span = max(abs(channel.low), abs(channel.high)), channel.high - channel.low
@@ -122,39 +125,34 @@ def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint:
         return [Finding(Severity.REFUSE, "unrelated", joint, sentence)]
     if abs(slope / ratio - 1) < 0.1:
         return []
-    turn = 2 * math.pi
-    explanations = [
-        (-ratio, "one of them is reversed", f"sign = -1 under [{motor}] or [{link}]"),
-        (1.0, "the motor angle is logged at joint scale", f"joint_side_ratio = {ratio:g} under [{motor}]"),
-        (
-            -1.0,
-            "the motor angle is logged at joint scale and reversed",
-            f"joint_side_ratio = {ratio:g}, sign = -1 under [{motor}]",
-        ),
-        (ratio * _DEGREE, "the motor angle is in degrees", f'unit = "deg" under [{motor}]'),
-        (ratio / _DEGREE, "the joint angle is in degrees", f'unit = "deg" under [{link}]'),
-        (
-            _DEGREE,
-            "the motor angle is in degrees at joint scale",
-            f'unit = "deg", joint_side_ratio = {ratio:g} under [{motor}]',
-        ),
-        (ratio / turn, "the motor angle is in turns", f'unit = "turn" under [{motor}]'),
-        (ratio * turn, "the joint angle is in turns", f'unit = "turn" under [{link}]'),
-    ]
-    best, what, repair = min(explanations, key=lambda e: abs(slope / e[0] - 1))
-    if abs(slope / best - 1) < 0.05:
-        name = {ratio / _DEGREE: "degrees", ratio * _DEGREE: "degrees", -ratio: "reversed", 1.0: "joint_scale"}.get(
-            best, "units"
-        )
-        sentence = (
-            f"{motor} moves {slope:.4g} times as far as {link}, ratio {ratio:g}: {what}; set {repair} in columns.toml."
-        )
-        return [Finding(Severity.REFUSE, name, joint, sentence)]
+    for expected, name, what, repair in _explanations(ratio, motor, link, machine.prismatic[joint - 1]):
+        if abs(slope / expected - 1) < 0.05:
+            says = f"{motor} moves {slope:.4g} times as far as {link}, ratio {ratio:g}: {what}"
+            return [Finding(Severity.REFUSE, name, joint, f"{says}; set {repair} in columns.toml.")]
     sentence = (
         f"{motor} moves {slope:.4g} times as far as {link}, and the robot file states the ratio {ratio:g}: the file of "
         "another robot, or a unit to give in columns.toml."
     )
     return [Finding(Severity.REFUSE, "ratio", joint, sentence)]
+
+
+def _explanations(ratio: float, motor: str, link: str, prismatic: bool) -> Iterator[tuple[float, str, str, str]]:
+    """Slopes of motor over joint position that a mistake gives: the slope, the finding, what it is, and its repair."""
+    side = f"joint_side_ratio = {ratio:g}"
+    yield -ratio, "reversed", "one of them is reversed", f"sign = -1 under [{motor}] or [{link}]"
+    yield 1.0, "joint_scale", "the motor angle is logged at joint scale", f"{side} under [{motor}]"
+    yield -1.0, "joint_scale", "the motor angle is at joint scale and reversed", f"{side} and sign = -1 under [{motor}]"
+    yield ratio * _DEGREE, "degrees", "the motor angle is in degrees", f'unit = "deg" under [{motor}]'
+    yield ratio / (2 * math.pi), "units", "the motor angle is in turns", f'unit = "turn" under [{motor}]'
+    if prismatic:
+        yield ratio / 1000, "units", "the joint position is in mm", f'unit = "mm" under [{link}]'
+        return
+    yield ratio / _DEGREE, "degrees", "the joint angle is in degrees", f'unit = "deg" under [{link}]'
+    yield ratio * 2 * math.pi, "units", "the joint angle is in turns", f'unit = "turn" under [{link}]'
+    both = f'unit = "deg" and {side} under [{motor}]'
+    yield _DEGREE, "degrees", "the motor angle is in degrees and at joint scale", both
+    both = f'{side} under [{motor}] and unit = "deg" under [{link}]'
+    yield 1 / _DEGREE, "degrees", "the motor angle is at joint scale and the joint angle in degrees", both
 
 
 def rates(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding]:
@@ -167,7 +165,7 @@ def rates(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding
         grid = even(log.time)
         rate, logged = grid.rate(grid.smooth(log[position])), grid.smooth(log[velocity])
         if np.std(logged) > 0:
-            findings += _same(rate, logged, velocity, f"the derivative of {position}", "/s", joint)
+            findings += _same(rate, logged, velocity, position, "/s", joint)
     return findings
 
 
@@ -181,23 +179,24 @@ def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Fin
     return _same(log[position], log[reference], reference, position, "", joint)
 
 
-def _same(expected: np.ndarray, found: np.ndarray, name: str, other: str, per: str, joint: int) -> list[Finding]:
-    """A finding where ``found`` follows ``expected``, but reversed or in degrees; or not at all."""
+def _same(expected: np.ndarray, found: np.ndarray, name: str, position: str, per: str, joint: int) -> list[Finding]:
+    """A finding where ``found`` follows ``expected``, from ``position``, but reversed or in degrees; or not at all."""
     slope, correlation = relation(expected, found)
+    other = f"the derivative of {position}" if per else position
     if abs(correlation) < 0.7:
         sentence = (
             f"{name} hardly follows {other} (correlation {correlation:.2f}): another joint's? "
             "Then correct 'from' in columns.toml."
         )
         return [Finding(Severity.WARN, "unrelated", joint, sentence)]
-    for factor, what, repair, found_name in (
-        (-1.0, "reversed", f"sign = -1 under [{name}]", "reversed"),
-        (_DEGREE, "in degrees", f'unit = "deg{per}" under [{name}]', "degrees"),
-        (1 / _DEGREE, f"in rad{per} and the position in degrees", 'unit = "deg" under the position', "degrees"),
+    for factor, finding, what, repair in (
+        (-1.0, "reversed", "reversed", f"sign = -1 under [{name}]"),
+        (_DEGREE, "degrees", "in degrees", f'unit = "deg{per}" under [{name}]'),
+        (1 / _DEGREE, "degrees", "the position is in degrees", f'unit = "deg" under [{position}]'),
     ):
         if abs(slope / factor - 1) < 0.25:
             sentence = f"{name} is {slope:.3g} times {other}: {what}; set {repair} in columns.toml."
-            return [Finding(Severity.REFUSE, found_name, joint, sentence)]
+            return [Finding(Severity.REFUSE, finding, joint, sentence)]
     if not 0.5 < slope < 2:
         sentence = f"{name} is {slope:.3g} times {other}: another unit or another joint's; correct columns.toml."
         return [Finding(Severity.WARN, "units", joint, sentence)]
