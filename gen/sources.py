@@ -178,7 +178,14 @@ def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str,
     files["hda_sizes.h"] = sizes(graphs.model, int(graphs.c.numel()), build, lanes)
     files["hda_table.h"] = table(functions)
     files["hda_laws.h"] = laws_header(made.laws)
-    files["hda_model.c"] = '#include "hda.h"\n\n#include <math.h>\n\n' + "\n".join(scalar_function(f.graph, f.name) for f in scalar)
+    ticks = {f.name for law in made.laws for f in (law.start, law.tick)}
+    groups = {  # a file each, so that two compilers share the work
+        "hda_prepare.c": [f for f in scalar if f.name == "prepare"],
+        "hda_laws.c": [f for f in scalar if f.name in ticks],
+        "hda_model.c": [f for f in scalar if f.name != "prepare" and f.name not in ticks],
+    }
+    for file, group in groups.items():
+        files[file] = '#include "hda.h"\n\n#include <math.h>\n\n' + "\n".join(scalar_function(f.graph, f.name) for f in group)
     if lanes:
         files["hda_native.c"] = native.rhs(graphs)
         files["hda_batch_rhs.h"] = native.batch(graphs)
