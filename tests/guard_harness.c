@@ -30,7 +30,7 @@ void harness_finite(int64_t count, const double *x, int32_t *out)
     for (int64_t i = 0; i < count; i++) out[i] = hda_finite(x[i]);
 }
 
-/* rows: now, measurement, two references, raw torque, force map. Out: torque, what the tick counted for in s, status. */
+/* rows: now, measurement, two references, raw torque, force map. Out: torque, the tick's counted time in s, status. */
 void harness_run(hda_guard *g, int64_t ticks, const double *rows, double *torque, double *counted, int32_t *status)
 {
     for (int64_t k = 0; k < ticks; k++) {

@@ -85,8 +85,8 @@ CLAIMS: dict[str, Callable[[Any], Any]] = {
 
 def counterexample(claim: Any) -> z3.ModelRef | None:
     """Doubles that break the claim under the precondition, or None where there are none."""
-    solver = z3.Solver()
-    solver.set("timeout", 60_000)
+    solver = z3.SolverFor("QF_FPBV")
+    solver.set("timeout", 300_000)  # ms; seconds on an idle machine
     solver.add(PRECONDITION, z3.Not(claim))
     answer = solver.check()
     assert answer != z3.unknown, f"z3 gave up: {solver.reason_unknown()}"
