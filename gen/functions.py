@@ -27,6 +27,15 @@ class Lane:
     definitions: Any  # the same as functions of p
 
 
+@dataclass(frozen=True)
+class Preparation:
+    """`prepare` in two parts, so that the long one, the inverse of a joint's springs, is printed once for all joints."""
+
+    inverse: ca.Function | None  # (keys) -> coefficients; None where every drive is rigid
+    keys: tuple[tuple[int, ...], ...]  # entries of p that each flexible joint's inverse takes
+    rest: ca.Function  # (p, coefficients of all joints) -> c
+
+
 @dataclass
 class Graphs:
     """What `assemble` builds: the emitted functions and the parts of the right-hand side that lanes need."""
@@ -34,6 +43,7 @@ class Graphs:
     model: Model
     lanes: tuple[Lane, ...]
     chain: ca.Function  # smooth: (x, u, lane outputs, c) -> rate of x
+    preparation: Preparation
     c: Any
     functions: tuple[Emitted, ...] = field(default_factory=tuple)
 
@@ -82,9 +92,26 @@ class Constants:
         """All of c."""
         return ca.vertcat(*self.symbols)
 
+    def preparation(self, model: Model) -> Preparation:
+        """What `made` computes, in two parts."""
+        symbols, definition = model.derived()
+        rest = ca.Function("rest", [model.p, symbols], [ca.vertcat(*self.definitions[:1], symbols, *self.definitions[2:])])
+        if not model.flexible:
+            return Preparation(None, (), rest)
+        count = model.inverse[model.flexible[0]].numel()
+        places = {j: _dependencies(definition[k * count : (k + 1) * count], model.p) for k, j in enumerate(model.flexible)}
+        first = model.flexible[0]
+        inverse = ca.Function("inverse", [model.p[list(places[first])]], [definition[:count]], {"cse": True})
+        return Preparation(inverse, tuple(places.values()), rest)
+
     def made(self) -> Any:
         """All of c as functions of p alone."""
         return ca.substitute(ca.vertcat(*self.definitions), *self.derived)
+
+
+def _dependencies(expression: Any, p: Any) -> tuple[int, ...]:
+    """Entries of p that the expression depends on."""
+    return tuple(k for k in range(p.numel()) if ca.depends_on(expression, p[k]))
 
 
 def assemble(model: Model) -> Graphs:
@@ -131,7 +158,7 @@ def assemble(model: Model) -> Graphs:
             Emitted(dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)}), "fastest decay of a stiff state, 1/s"),
             Emitted(dense("state_jacobian", xuc, {"by_x": jacobians[0]}), "derivative of the rate by x alone, column by column"),
         ]
-    return Graphs(model, lanes, chain, c, tuple(functions))
+    return Graphs(model, lanes, chain, constants.preparation(model), c, tuple(functions))
 
 
 # -- lanes ----------------------------------------------------------------------------------------------------------

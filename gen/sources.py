@@ -12,7 +12,7 @@ from gen import native
 from gen.compliance import Law
 from gen.description import canonical
 from gen.effect import Effect
-from gen.emit import scalar_function, signature
+from gen.emit import preparation, scalar_function, signature
 from gen.emitted import Emitted
 from gen.library import Library
 from gen.model import Model
@@ -180,10 +180,10 @@ def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str,
     files["hda_laws.h"] = laws_header(made.laws)
     ticks = {f.name for law in made.laws for f in (law.start, law.tick)}
     groups = {  # a file each, so that two compilers share the work
-        "hda_prepare.c": [f for f in scalar if f.name == "prepare"],
         "hda_laws.c": [f for f in scalar if f.name in ticks],
         "hda_model.c": [f for f in scalar if f.name != "prepare" and f.name not in ticks],
     }
+    files["hda_prepare.c"] = '#include "hda.h"\n\n#include <math.h>\n\n' + preparation(graphs.preparation)
     for file, group in groups.items():
         files[file] = '#include "hda.h"\n\n#include <math.h>\n\n' + "\n".join(scalar_function(f.graph, f.name) for f in group)
     if lanes:
