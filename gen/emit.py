@@ -81,9 +81,10 @@ def vector_operation(kind: str) -> Operation:
         simple = {ca.OP_NEG: f"-{a}", ca.OP_SQ: f"{a} * {a}", ca.OP_TWICE: f"{a} + {a}", ca.OP_INV: f"1.0 / {a}"}
         if op in BINARY:
             simple[op] = f"{a} {BINARY[op]} {b}"
-        if op not in simple:
-            raise EmitError(f"no vector C for CasADi's operation number {op}")
-        return f"const {kind} {name} = {simple[op]};"
+        if op in simple:
+            return f"const {kind} {name} = {simple[op]};"
+        one = scalar_operation(op, "one", f"{a}[i]", f"{b}[i]")  # lane by lane what has no vector form
+        return f"{kind} {name} = {a}; for (int i = 0; i < (int)(sizeof {name} / sizeof(double)); i++) {{ {one} {name}[i] = one; }}"
 
     return operation
 

@@ -64,6 +64,7 @@ def _chain(graphs: Graphs, place: dict[int, tuple[int, int, int]]) -> str:
         return f"h{number}[{entry - offset - 1}][{lane_place}]"  # the smooth form hands over no friction level
 
     lines = body(graphs.chain, read, lambda _, i: f"rate[{i}]")
+    lines.sort(key=lambda line: line.startswith("rate["))  # x is read before rate, which may be the same, is written
     arrays = ", ".join(f"double (*h{k})[{lane.width}]" for k, lane in enumerate(graphs.lanes))
     head = f"static inline void chain(const double *x, const double *u, {arrays}, const double *c, double *rate) {{\n"
     ignored = "".join(f"    (void)h{k};\n" for k in range(len(graphs.lanes)))
