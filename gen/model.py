@@ -1,11 +1,11 @@
 """The arm as one graph: drives in lanes, the chain that joins them, and the effects at their ports.
 
 Legend: x state, u input, p parameters, c constants (p and whatever depends on p alone), z the effects' states;
-θ, ω motor angle and speed; q, v joint position and velocity; i input of the drive; φ torsion; τ joint torque; s direction of
-sliding, −1, 0 (stuck) or 1.
+θ, ω motor angle and speed; q, v joint position and velocity; i input of the drive; φ torsion; τ joint torque; s
+direction of sliding, −1, 0 (stuck) or 1.
 
-A joint's drive is the same graph for every joint with the same kind of drive, so it is written once and evaluated in lanes;
-only the chain couples the joints.
+A joint's drive is the same graph for every joint with the same kind of drive, so it is written once and evaluated in
+lanes; only the chain couples the joints.
 """
 
 from __future__ import annotations
@@ -178,8 +178,8 @@ class Model:
     # -- one drive --------------------------------------------------------------------------------------------------
 
     def drive(self, j: int, p: dict[str, Any], exact: Any = None, spring_torque: Any = None) -> Drives:
-        """The drive of joint j. ``exact`` is the direction of sliding (None: smooth sign); ``spring_torque`` replaces the
-        springs' torque by a symbol where the inverse is to be differentiated implicitly."""
+        """The drive of joint j. ``exact`` is the direction of sliding (None: smooth sign); ``spring_torque`` replaces
+        the springs' torque by a symbol where the inverse is to be differentiated implicitly."""
         rigid = j in self.rigid
         q, v = self.slot(f"joint_position_{j}"), self.slot(f"joint_velocity_{j}")
         theta = p["ratio"] * q if rigid else self.slot(f"motor_position_{j}")
@@ -199,11 +199,11 @@ class Model:
 
         motor = {"motor_position": theta, "motor_velocity": omega}
         joint = {"joint_position": q, "joint_velocity": v}
-        phi = phi_rate = spring = tau = gear = None
+        phi = phi_rate = spring = tau = slope = None
         if not rigid:
             error = total(Port.TORSION, SX(0), **motor)
-            gear = 1 / p["ratio"] + ca.jacobian(error, theta)  # the gear does the work that it transmits
-            phi, phi_rate = theta * (1 / p["ratio"]) + error - q, gear * omega - v
+            slope = ca.jacobian(error, theta)  # beside 1/ratio, not added to it: slope 0 is then exact
+            phi, phi_rate = theta / p["ratio"] + error - q, omega / p["ratio"] + slope * omega - v
             spring = spring_torque
             if spring is None:
                 spring = drive.spring_torque(phi, drive.springs(p), p["inverse"], self.plan)
@@ -212,10 +212,10 @@ class Model:
         level = total(Port.FRICTION, 0, joint_torque=tau, **motor)
         direction = ca.tanh(omega / p["friction_smoothing"]) if exact is None else exact
         inverse = 1 / p["motor_inertia"]
-        torque = (p["torque_constant"] if "torque_constant" in p else 1) * self.u[j - 1]
+        torque = p.get("torque_constant", 1) * self.u[j - 1]
         torque = total(Port.MOTOR, torque, friction_level=level, direction=direction, joint_torque=tau, **motor)
         if not rigid:
-            torque = torque - gear * tau
+            torque = torque - (tau / p["ratio"] + slope * tau)  # the gear does the work that it transmits
         net = torque - level * direction
         if exact is not None:  # other effects may have taken a part of the dry friction over
             level = ca.substitute(-ca.jacobian(net, exact), exact, 0)
@@ -247,8 +247,8 @@ class Model:
     def motion(self, drives: dict[int, Drives], sliding: Any = None, trig: Any = None) -> tuple[Any, Any]:
         """Rate of x, and the torque that would hold each motor where it is (n, N m at the motor).
 
-        ``sliding`` (n, in −1, 0, 1) stops the joints where it is 0; None lets all move. The holding torque has a meaning for
-        stopped joints only.
+        ``sliding`` (n, in −1, 0, 1) stops the joints where it is 0; None lets all move. The holding torque has a
+        meaning for stopped joints only.
         """
         forces = []
         for j in self.joints:
