@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
 from compiled import Compiled, load
+
 from gen.build import build as make
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -16,7 +17,9 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """--campaign."""
-    parser.addoption("--campaign", action="store_true", help="also run the tests marked campaign: long, many more cases")
+    parser.addoption(
+        "--campaign", action="store_true", help="also run the tests marked campaign: long, many more cases"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -34,8 +37,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(scope="session")
 def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
-    """build(robot, profile="portable", effects=()) -> Compiled, made once; robot: a preset's name or the text of a robot.toml."""
-    out = tmp_path_factory.mktemp("build")
+    """build(robot, profile="portable", effects=()) -> Compiled; robot: a preset's name or a robot.toml's text."""
+    out = tmp_path_factory.getbasetemp()
+    out = (out.parent if "PYTEST_XDIST_WORKER" in os.environ else out) / "builds"  # workers share what is built
+    out.mkdir(exist_ok=True)
     made: dict[tuple[str, str, tuple[str, ...]], Compiled] = {}
 
     def built(robot: str, profile: str = "portable", effects: tuple[str, ...] = ()) -> Compiled:
@@ -43,7 +48,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
         if key not in made:
             source = robot
             if "\n" in robot:
-                path = out / f"robot_{len(made)}.toml"
+                path = out / f"{hashlib.sha256(robot.encode()).hexdigest()[:16]}.toml"
                 path.write_text(robot)
                 source = str(path)
             made[key] = load(make(source, profile, out, effects)[0])
