@@ -13,6 +13,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,14 +43,21 @@ def key(robot: bytes, profile: str, extra: tuple[str, ...]) -> str:
     parts += [compiler.find().version.encode(), sys.platform.encode(), platform.machine().encode()]
     parts += [_version("casadi").encode(), _version("numpy").encode()]
     parts += [" ".join(compiler.cpu_flags()).encode() if profile == "native" else b""]
-    for path in sorted(HERE.rglob("*")):
-        own = path.relative_to(HERE)
-        if path.suffix in (".py", ".c", ".h", ".txt") and "presets" not in own.parts:
-            parts += [own.as_posix().encode(), path.read_bytes()]
-    for part in parts:
+    for part in (*parts, *_sources(HERE)):
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
     return digest.hexdigest()[:16]
+
+
+@cache
+def _sources(folder: Path) -> tuple[bytes, ...]:
+    """Names and contents of gen's own files; read once, for the process goes on with the code that it began with."""
+    parts = []
+    for path in sorted(folder.rglob("*")):
+        own = path.relative_to(folder)
+        if path.suffix in (".py", ".c", ".h", ".txt") and "presets" not in own.parts:
+            parts += [own.as_posix().encode(), path.read_bytes()]
+    return tuple(parts)
 
 
 def _version(package: str) -> str:
@@ -97,8 +105,8 @@ def build(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> 
     made, effects, examined = assembled(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
-    if place(source, profile, out, extra) != (folder, name, content):
-        raise BuildError(f"{source}: the file, or the generator, changed during the build; build again.")
+    if place(source, profile, out, extra)[2] != content:
+        raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
         out.mkdir(parents=True, exist_ok=True)
         with _lock(out / ".lock"):
