@@ -1,0 +1,1 @@
+"""Robot arms as equations: symbols in, C out. The only package that imports casadi and sympy."""

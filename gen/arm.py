@@ -5,8 +5,8 @@ L length, m mass, r centre of mass from the joint's axis, I inertia about the ce
 Everything is computed link by link in the link's own frame (x along the link), so only the relative angles enter.
 
 A revolute joint turns its link; a prismatic joint slides it along its own x and has no length.
-Sources: Newton–Euler recursion and composite bodies as in Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5 and 6,
-restricted to the plane; paper (18)–(21). `gen.lagrangian` derives the same from the Lagrangian.
+Sources: Newton–Euler recursion and composite bodies as in Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5
+and 6, restricted to the plane; paper (18)–(21). `gen.lagrangian` derives the same from the Lagrangian.
 """
 
 from __future__ import annotations

@@ -1,18 +1,20 @@
-"""Compliance laws: impedance (25) and admittance (26), in Cartesian and joint space, and a position law, each as one tick.
+"""Compliance laws: impedance (25) and admittance (26), in Cartesian and joint space, and a position law, each as one
+tick.
 
-Legend: x tip position, x_d desired, x_e = x − x_d; M, B, K the wanted mass, damping, stiffness; F_e force of the world on the tip;
-Λ = (J M_q⁻¹ Jᵀ)⁻¹ the tip's inertia (the paper's m); q joint, θ motor angle; φ torsion; τ joint torque; T motor torque; r what the
-disturbance observer says pushes the rotor besides T and τ/N, above all dry friction; h period.
+Legend: x tip position, x_d desired, x_e = x − x_d; M, B, K the wanted mass, damping, stiffness; F_e force of the
+world on the tip; Λ = (J M_q⁻¹ Jᵀ)⁻¹ the tip's inertia (the paper's m); q joint, θ motor angle; φ torsion; τ joint
+torque; T motor torque; r what the disturbance observer says pushes the rotor besides T and τ/N, above all dry
+friction; h period.
 
 The outer laws ask for a joint acceleration. The inner loops give it to a flexible, sticking drive:
 
-- torque: T = τ̂/N + J_m N (q̈ + 2 λ (φ̇_d − φ̇) + λ² (φ_d − φ)) − r, φ_d the torsion under the wanted τ: the torque loop closed on the
-  estimate from torsion; reflected rotors are compensated by J_m N q̈;
+- torque: T = τ̂/N + J_m N (q̈ + 2 λ (φ̇_d − φ̇) + λ² (φ_d − φ)) − r, φ_d the torsion under the wanted τ: the torque
+  loop closed on the estimate from torsion; reflected rotors are compensated by J_m N q̈;
 - position: T = τ/N + J_m (N q̈ + 2 λ (N q̇ − ω) + λ² (θ_d − θ)) − r, θ_d = N (q + φ_d).
 
 A rigid drive has no torsion to read: T = τ/N + J_m N q̈ + viscous and dry friction at the wanted speed.
-Sources: paper (20)–(26) corrected; Khatib, IEEE J. Robot. Autom. 3 (1987) 43 for Λ; Albu-Schäffer, Ott, Hirzinger, Int. J. Robot. Res. 26
-(2007) 23 for the torque loop; Le Tien et al., IROS 2008 for friction as an observed disturbance.
+Sources: paper (20)–(26) corrected; Khatib, IEEE J. Robot. Autom. 3 (1987) 43 for Λ; Albu-Schäffer, Ott, Hirzinger,
+Int. J. Robot. Res. 26 (2007) 23 for the torque loop; Le Tien et al., IROS 2008 for friction as an observed disturbance.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ COMMON = (
     Parameter("velocity_cutoff", "Hz", 80.0, 1.0, 1e4, "cut-off of the filtered differences of both encoders"),
     Parameter("bandwidth", "rad/s", 50.0, 1.0, 1e4, "of the inner loop, critically damped"),
     Parameter("observer_bandwidth", "rad/s", 100.0, 0.0, 1e4, "of the disturbance observer; 0 leaves it out"),
-    Parameter("singularity", "1/kg", 1e-3, 1e-9, 1.0, "added to the tip's mobility, so that singular poses stay finite"),
+    Parameter(
+        "singularity", "1/kg", 1e-3, 1e-9, 1.0, "added to the tip's mobility, so that singular poses stay finite"
+    ),
     Parameter("posture_damping", "1/s", 5.0, 0.0, 1e3, "damping of motion that does not move the tip"),
 )
 
@@ -54,7 +58,8 @@ class Law:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a tick knows of the arm: angles, filtered speeds, torsion and the torque estimated from it (None for rigid drives)."""
+    """What a tick knows of the arm: angles, filtered speeds, torsion and the torque estimated from it (None for rigid
+    drives)."""
 
     theta: Any
     q: Any
@@ -73,13 +78,20 @@ Outer = Callable[["Loop", Seen], tuple[list[Any], Any]]
 class Loop:
     """Symbols of one law, and the inner loops that all laws share."""
 
-    def __init__(self, model: Model, name: str, own: tuple[Parameter, ...], space: str, memory: tuple[str, ...]) -> None:
+    def __init__(
+        self, model: Model, name: str, own: tuple[Parameter, ...], space: str, memory: tuple[str, ...]
+    ) -> None:
         self.model, self.name, n = model, name, model.n
         self.gains = (*COMMON, *own)
-        self.g = {gain.name: symbol for gain, symbol in zip(self.gains, ca.vertsplit(SX.sym("gains", len(self.gains))), strict=True)}
+        self.g = {
+            gain.name: symbol
+            for gain, symbol in zip(self.gains, ca.vertsplit(SX.sym("gains", len(self.gains))), strict=True)
+        }
         axes = ("x", "y") if space == "cartesian" else tuple(str(j) for j in model.joints)
         noun = "tip" if space == "cartesian" else "joint"
-        self.reference_names = tuple(f"{noun}_{what}_{axis}" for what in ("position", "velocity", "acceleration") for axis in axes)
+        self.reference_names = tuple(
+            f"{noun}_{what}_{axis}" for what in ("position", "velocity", "acceleration") for axis in axes
+        )
         self.reference = SX.sym("reference", len(self.reference_names))
         filters = ("last_motor_position", "last_joint_position", "motor_velocity", "joint_velocity", "observed")
         self.state_names = tuple(f"{f}_{j}" for f in filters for j in model.joints) + memory
@@ -115,7 +127,8 @@ class Loop:
             phi.append(twist)
             rate.append(omega[j - 1] / p["ratio"] - v[j - 1])
             torque.append(torque_estimate.from_torsion(model, j, twist) + p["torsional_damping"] * rate[-1])
-            # momentum p = J ω obeys ṗ = T − τ/N + r; the observer integrates the right-hand side and r = L (p − its integral)
+            # momentum p = J ω obeys ṗ = T − τ/N + r; the observer integrates the right-hand side and r = L (p − its
+            # integral)
             momentum = p["motor_inertia"] * omega[j - 1]
             integral = observed[j - 1] + g["period"] * (self.sent[j - 1] - torque[-1] / p["ratio"])
             decay = ca.exp(-g["observer_bandwidth"] * g["period"])
@@ -133,12 +146,17 @@ class Loop:
                 out.append(self._rigid(j, seen.v[k], acceleration[k], torque[k]))
                 continue
             twist = drive.torsion(torque[k] / p["stiffness_level"], drive.springs(p))
-            push = acceleration[k] - 2 * self.g["bandwidth"] * seen.phi_rate[k] + self.g["bandwidth"] ** 2 * (twist - seen.phi[k])
+            push = (
+                acceleration[k]
+                - 2 * self.g["bandwidth"] * seen.phi_rate[k]
+                + self.g["bandwidth"] ** 2 * (twist - seen.phi[k])
+            )
             out.append(seen.torque[k] / p["ratio"] + p["motor_inertia"] * p["ratio"] * push - seen.r[k])
         return ca.vertcat(*out)
 
     def position_loop(self, seen: Seen, q: Any, v: Any, a: Any, torque: Any) -> Any:
-        """Motor torques that make the joints follow q, v, a (n each); ``torque`` is what that motion asks of the joints."""
+        """Motor torques that make the joints follow q, v, a (n each); ``torque`` is what that motion asks of the
+        joints."""
         out = []
         for j in self.model.joints:
             p, k = self.model.of_joint(j), j - 1
@@ -149,7 +167,9 @@ class Loop:
                 out.append(self._rigid(j, v[k], a[k], torque[k]) + full * back)
                 continue
             theta = p["ratio"] * (q[k] + drive.torsion(torque[k] / p["stiffness_level"], drive.springs(p)))
-            back = 2 * self.g["bandwidth"] * (p["ratio"] * v[k] - seen.omega[k]) + self.g["bandwidth"] ** 2 * (theta - seen.theta[k])
+            back = 2 * self.g["bandwidth"] * (p["ratio"] * v[k] - seen.omega[k]) + self.g["bandwidth"] ** 2 * (
+                theta - seen.theta[k]
+            )
             out.append(torque[k] / p["ratio"] + p["motor_inertia"] * (p["ratio"] * a[k] + back) - seen.r[k])
         return ca.vertcat(*out)
 
@@ -173,7 +193,14 @@ class Loop:
         n = self.model.n
         zero = SX.zeros(n)
         first = ca.vertcat(self.measured[:n], self.measured[n : 2 * n], zero, zero, zero, *started)
-        ins = {"measured": self.measured, "sent": self.sent, "reference": self.reference, "gains": g, "c": c, "state": self.state}
+        ins = {
+            "measured": self.measured,
+            "sent": self.sent,
+            "reference": self.reference,
+            "gains": g,
+            "c": c,
+            "state": self.state,
+        }
         tick = dense(f"{self.name}_tick", ins, {"torque": torque, "next": ca.vertcat(*memory)})
         begin = {"measured": self.measured, "reference": self.reference, "c": c}
         start = dense(f"{self.name}_start", begin, {"state": first})
@@ -195,7 +222,8 @@ def mobility(loop: Loop, M_q: Any, J: Any) -> Any:
 
 
 def expm(A: Any, squarings: int = 8, order: int = 10) -> Any:
-    """exp(A) by scaling and squaring; 1e-12 relative up to norms of 100 (Moler, Van Loan, SIAM Review 45 (2003) 3, method 3)."""
+    """exp(A) by scaling and squaring; 1e-12 relative up to norms of 100 (Moler, Van Loan, SIAM Review 45 (2003) 3,
+    method 3)."""
     size = A.shape[0]
     scaled = A / 2**squarings
     out = SX.eye(size)
@@ -207,14 +235,17 @@ def expm(A: Any, squarings: int = 8, order: int = 10) -> Any:
 
 
 def held_force(M: Any, B: Any, K: Any, h: Any, x: Any, v: Any, F: Any) -> tuple[Any, Any]:
-    """x and v after h of M ẍ + B ẋ + K x = F with F held: (26) discretised exactly (Van Loan, IEEE Trans. Autom. Control 23 (1978) 395)."""
+    """x and v after h of M ẍ + B ẋ + K x = F with F held: (26) discretised exactly (Van Loan, IEEE Trans. Autom.
+    Control 23 (1978) 395)."""
     A = SX.zeros(3, 3)
     A[0, 1], A[1, 0], A[1, 1], A[1, 2] = h, -h * K / M, -h * B / M, h / M
     E = expm(A)
     return E[0, 0] * x + E[0, 1] * v + E[0, 2] * F, E[1, 0] * x + E[1, 1] * v + E[1, 2] * F
 
 
-def _mbk(axes: tuple[str, ...], units: tuple[str, str, str], nominal: tuple[float, float, float]) -> tuple[Parameter, ...]:
+def _mbk(
+    axes: tuple[str, ...], units: tuple[str, str, str], nominal: tuple[float, float, float]
+) -> tuple[Parameter, ...]:
     words = (("mass", "wanted inertia"), ("damping", "wanted damping"), ("stiffness", "wanted stiffness"))
     return tuple(
         Parameter(f"{name}_{axis}", unit, value, 1e-9 if name == "mass" else 0.0, 1e6, meaning)
@@ -235,7 +266,9 @@ def position(model: Model, c: Any) -> Law:
 
 def impedance_cartesian(model: Model, c: Any) -> Law:
     """(25): F = (Λ/M − 1) F_e + Λ ẍ_d − Λ/M (B ẋ_e + K x_e), with Coriolis and gravity compensated."""
-    loop = Loop(model, "impedance_cartesian", _mbk(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)), "cartesian", ())
+    loop = Loop(
+        model, "impedance_cartesian", _mbk(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)), "cartesian", ()
+    )
     seen, memory = loop.see()
     x_d, v_d, a_d = loop.wanted()
     M_q, bias, J, turn = loop.arm(seen.q, seen.v)
@@ -268,8 +301,13 @@ def impedance_joint(model: Model, c: Any) -> Law:
 def admittance_cartesian(model: Model, c: Any) -> Law:
     """(26): the tip follows x_d + x_e with x_e moved by F_e; the joints follow by the inverse of J along the way."""
     n = model.n
-    names = (*(f"yield_{w}_{a}" for w in ("position", "velocity") for a in "xy"), *(f"posture_{j}" for j in model.joints))
-    loop = Loop(model, "admittance_cartesian", _mbk(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)), "cartesian", names)
+    names = (
+        *(f"yield_{w}_{a}" for w in ("position", "velocity") for a in "xy"),
+        *(f"posture_{j}" for j in model.joints),
+    )
+    loop = Loop(
+        model, "admittance_cartesian", _mbk(("x", "y"), ("kg", "N s/m", "N/m"), (2.0, 45.0, 500.0)), "cartesian", names
+    )
     seen, memory = loop.see()
     x_d, v_d, a_d = loop.wanted()
     M, B, K = (ca.vertcat(*(loop.g[f"{name}_{axis}"] for axis in "xy")) for name in ("mass", "damping", "stiffness"))
@@ -294,7 +332,9 @@ def admittance_joint(model: Model, c: Any) -> Law:
     """(23) as an admittance: each joint follows q_d + q_e with q_e moved by Jᵀ F_e."""
     n, axes = model.n, tuple(str(j) for j in model.joints)
     names = tuple(f"yield_{w}_{j}" for w in ("position", "velocity") for j in model.joints)
-    loop = Loop(model, "admittance_joint", _mbk(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)), "joint", names)
+    loop = Loop(
+        model, "admittance_joint", _mbk(axes, ("kg m²", "N m s/rad", "N m/rad"), (0.2, 3.0, 30.0)), "joint", names
+    )
     seen, memory = loop.see()
     q_d, v_d, a_d = loop.wanted()
     M, B, K = (ca.vertcat(*(loop.g[f"{name}_{axis}"] for axis in axes)) for name in ("mass", "damping", "stiffness"))

@@ -1,20 +1,23 @@
 """The harmonic drive: springs of wave generator and flexspline in series, and their exact inverse.
 
-Legend (paper's letters): τ joint torque, N m; φ torsion, rad at the joint; N ratio; K_f0, c_f flexspline; K_w0, c_w wave generator.
+Legend (paper's letters): τ joint torque, N m; φ torsion, rad at the joint; N ratio; K_f0, c_f flexspline; K_w0, c_w
+wave generator.
 
-    φ(τ) = arctan(c_f τ)/(c_f K_f0) + sign τ (1 − exp(−c_w |τ|/N)) / (c_w N K_w0)              (11) with (2), one sign for all
+    φ(τ) = arctan(c_f τ)/(c_f K_f0) + sign τ (1 − exp(−c_w |τ|/N)) / (c_w N K_w0)              (11) with (2), one sign
+    for all
 
-The law saturates: its inverse exists below π/(2 c_f K_f0) + 1/(c_w N K_w0) only. From `law_torque` on it continues along its tangent.
+The law saturates: its inverse exists below π/(2 c_f K_f0) + 1/(c_w N K_w0) only. From `law_torque` on it continues
+along its tangent.
 
 The inverse. With ψ = c_f K_f0 φ_f the flexspline's angle, t = tan ψ = c_f τ, y = c_f K_f0 |φ|,
 
     ψ + A (1 − exp(−B t)) = y,      A = c_f K_f0/(c_w N K_w0),   B = c_w/(N c_f).
 
-t has a pole at y = π/2 + A that the law never reaches, so t (π/2 + A − y)/y is a tame function of y, and its polynomial through
-Chebyshev's points is the inverse. `prepare` makes its coefficients from the parameters, solving the equation at the points; a
-step of the arm then costs one polynomial. Degree and corrections are chosen when the model is built, so that the error stays
-below 1e-12 rad for springs anywhere within `SPREAD` of the nominal (`plan`); a law too sharp for the polynomial alone is corrected by
-Householder's iteration of order four.
+t has a pole at y = π/2 + A that the law never reaches, so t (π/2 + A − y)/y is a tame function of y, and its
+polynomial through Chebyshev's points is the inverse. `prepare` makes its coefficients from the parameters, solving
+the equation at the points; a step of the arm then costs one polynomial. Degree and corrections are chosen when the
+model is built, so that the error stays below 1e-12 rad for springs anywhere within `SPREAD` of the nominal (`plan`);
+a law too sharp for the polynomial alone is corrected by Householder's iteration of order four.
 """
 
 from __future__ import annotations
@@ -136,7 +139,8 @@ def spring_torque(phi: Any, k: Springs, coefficients: Any, plan: Plan) -> Any:
 
 
 def householder(y: Any, psi: Any, t: Any, A: Any, B: Any) -> Any:
-    """The step towards the root of g(ψ) = ψ + A (1 − exp(−B tan ψ)) − y, order four (Householder 1970), one division."""
+    """The step towards the root of g(ψ) = ψ + A (1 − exp(−B tan ψ)) − y, order four (Householder 1970), one
+    division."""
     faded = A * ca.exp(-B * t)
     g = psi + A - faded - y
     secant2 = 1 + t * t
@@ -160,7 +164,8 @@ def energy(tau: Any, k: Springs) -> Any:
 
 
 def plan(drives: Sequence[Drive]) -> Plan:
-    """The cheapest way that keeps `spring_torque` within `ERROR` for springs within `SPREAD` of each drive's nominal ones.
+    """The cheapest way that keeps `spring_torque` within `ERROR` for springs within `SPREAD` of each drive's nominal
+    ones.
 
     Raises ValueError where the stiffening is too sharp for every way.
     """
@@ -168,7 +173,10 @@ def plan(drives: Sequence[Drive]) -> Plan:
         chosen = Plan(degree, corrections)
         if all(_error(drive, chosen) <= ERROR for drive in drives):
             return chosen
-    raise ValueError(f"the spring law cannot be inverted to {ERROR:g} rad: its stiffening is too sharp for law_torque; lower law_torque")
+    raise ValueError(
+        f"the spring law cannot be inverted to {ERROR:g} rad: "
+        "its stiffening is too sharp for law_torque; lower law_torque"
+    )
 
 
 def _error(drive: Drive, chosen: Plan) -> float:

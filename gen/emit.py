@@ -1,11 +1,12 @@
 """C text from CasADi's instruction lists: single assignments, for scalars and for vectors. Pure: text in, text out.
 
-CasADi's own C printer is not used for the product: what is printed here has one plain signature, needs no work vectors and
-prints the same graph over vector types; the tests hold the two printings against each other.
+CasADi's own C printer is not used for the product: what is printed here has one plain signature, needs no work
+vectors and prints the same graph over vector types; the tests hold the two printings against each other.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import casadi as ca
@@ -16,9 +17,10 @@ BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
 COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 CALLS = {
     ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh",
-    ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FABS: "fabs", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_FMIN: "fmin",
-    ca.OP_FMAX: "fmax", ca.OP_ATAN2: "atan2", ca.OP_FMOD: "fmod", ca.OP_COPYSIGN: "copysign", ca.OP_LOG1P: "log1p",
+    ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FABS: "fabs", ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax", ca.OP_ATAN2: "atan2", ca.OP_FMOD: "fmod",
+    ca.OP_COPYSIGN: "copysign", ca.OP_LOG1P: "log1p",
     ca.OP_EXPM1: "expm1", ca.OP_HYPOT: "hypot", ca.OP_ERF: "erf",
 }  # fmt: skip
 
@@ -33,7 +35,7 @@ class EmitError(Exception):
 
 def number(value: float) -> str:
     """A double as C text that reads back to the same bits."""
-    if value != value:
+    if math.isnan(value):
         return "NAN"
     if value in (float("inf"), float("-inf")):
         return "INFINITY" if value > 0 else "-INFINITY"
@@ -68,7 +70,8 @@ def scalar_operation(op: int, name: str, a: str, b: str) -> str:
 
 
 def vector_operation(kind: str) -> Operation:
-    """Operations over the vector type ``kind`` of `hda_vector.h`; functions take pointers, so no vector crosses a call."""
+    """Operations over the vector type ``kind`` of `hda_vector.h`; functions take pointers, so no vector crosses a
+    call."""
     called = {ca.OP_SIGN, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_EXP, ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_TANH}
 
     def operation(op: int, name: str, a: str, b: str) -> str:
@@ -84,12 +87,15 @@ def vector_operation(kind: str) -> Operation:
         if op in simple:
             return f"const {kind} {name} = {simple[op]};"
         one = scalar_operation(op, "one", f"{a}[i]", f"{b}[i]")  # lane by lane what has no vector form
-        return f"{kind} {name} = {a}; for (int i = 0; i < (int)(sizeof {name} / sizeof(double)); i++) {{ {one} {name}[i] = one; }}"
+        lanes = f"(int)(sizeof {name} / sizeof(double))"
+        return f"{kind} {name} = {a}; for (int i = 0; i < {lanes}; i++) {{ {one} {name}[i] = one; }}"
 
     return operation
 
 
-def body(f: ca.Function, read: Place, write: Place, operation: Operation = scalar_operation, kind: str = "double") -> list[str]:
+def body(
+    f: ca.Function, read: Place, write: Place, operation: Operation = scalar_operation, kind: str = "double"
+) -> list[str]:
     """The function's instructions as C statements; entries are read and written where the two places say."""
     lines: list[str] = []
     holds: dict[int, str] = {}  # work entry -> name of the assignment that it holds, or a number
@@ -127,7 +133,9 @@ def scalar_function(f: ca.Function, name: str, head: str = "") -> str:
     computed = [line for line in lines if line.startswith("const ")]
     stored = [line for line in lines if not line.startswith("const ")]
     unused = [f"(void){f.name_in(k)};" for k in range(f.n_in()) if k not in _read(f)]
-    return f"{head or signature(f, name)} {{\n" + "".join(f"    {line}\n" for line in unused + computed + stored) + "}\n"
+    return (
+        f"{head or signature(f, name)} {{\n" + "".join(f"    {line}\n" for line in unused + computed + stored) + "}\n"
+    )
 
 
 def _read(f: ca.Function) -> set[int]:

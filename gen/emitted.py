@@ -1,5 +1,5 @@
-"""A function to emit: dense column vectors in, dense column vectors out (matrices column by column), so that one signature,
-`void hda_<name>(const double *in…, double *out…)`, serves C, Python and the interpreter alike."""
+"""A function to emit: dense column vectors in, dense column vectors out (matrices column by column), so that one
+signature, `void hda_<name>(const double *in…, double *out…)`, serves C, Python and the interpreter alike."""
 
 from __future__ import annotations
 

@@ -21,7 +21,9 @@ class Lane:
     joints: tuple[int, ...]
     width: int  # of the vector: 2, 4, 8
     states: tuple[tuple[int, ...], ...]  # for each state that the graph reads: its index in x for each joint
-    smooth: ca.Function  # (state entries…, input, constants) -> (acceleration or net torque, joint torque, sine, cosine, rates…)
+    smooth: (
+        ca.Function
+    )  # (state entries…, input, constants) -> (acceleration or net torque, joint torque, sine, cosine, rates…)
     exact: ca.Function  # (…, direction) -> (level, net, acceleration, joint torque, sine, cosine, rates…)
     constants: Any  # (k × width) symbols, a part of c
     definitions: Any  # the same as functions of p
@@ -29,7 +31,8 @@ class Lane:
 
 @dataclass(frozen=True)
 class Preparation:
-    """`prepare` in two parts, so that the long one, the inverse of a joint's springs, is printed once for all joints."""
+    """`prepare` in two parts, so that the long one, the inverse of a joint's springs, is printed once for all
+    joints."""
 
     inverse: ca.Function | None  # (keys) -> coefficients; None where every drive is rigid
     keys: tuple[tuple[int, ...], ...]  # entries of p that each flexible joint's inverse takes
@@ -49,8 +52,11 @@ class Graphs:
 
 
 def hoist(expressions: list[Any], p: Any) -> tuple[list[Any], list[Any], list[Any]]:
-    """The expressions with every part that depends on p alone replaced by a symbol: (expressions, symbols, their definitions)."""
-    stacked, symbols, definitions = ca.extract_parametric(ca.cse(ca.vertcat(*[ca.vec(ca.densify(e)) for e in expressions])), p)
+    """The expressions with every part that depends on p alone replaced by a symbol: (expressions, symbols, their
+    definitions)."""
+    stacked, symbols, definitions = ca.extract_parametric(
+        ca.cse(ca.vertcat(*[ca.vec(ca.densify(e)) for e in expressions])), p
+    )
     sizes = [SX(e).numel() for e in expressions]
     parts = ca.vertsplit(stacked, [0, *_cumulative(sizes)])
     return [ca.reshape(part, SX(e).shape) for part, e in zip(parts, expressions, strict=True)], symbols, definitions
@@ -65,7 +71,8 @@ def _cumulative(sizes: list[int]) -> list[int]:
 
 
 class Constants:
-    """Grows c: parameters first, then the springs' inverses, the constants of the lanes, and those of whatever else is hoisted."""
+    """Grows c: parameters first, then the springs' inverses, the constants of the lanes, and those of whatever else
+    is hoisted."""
 
     def __init__(self, model: Model) -> None:
         self.symbols, self.definitions = [model.p], [model.p]
@@ -95,11 +102,15 @@ class Constants:
     def preparation(self, model: Model) -> Preparation:
         """What `made` computes, in two parts."""
         symbols, definition = model.derived()
-        rest = ca.Function("rest", [model.p, symbols], [ca.vertcat(*self.definitions[:1], symbols, *self.definitions[2:])])
+        rest = ca.Function(
+            "rest", [model.p, symbols], [ca.vertcat(*self.definitions[:1], symbols, *self.definitions[2:])]
+        )
         if not model.flexible:
             return Preparation(None, (), rest)
         count = model.inverse[model.flexible[0]].numel()
-        places = {j: _dependencies(definition[k * count : (k + 1) * count], model.p) for k, j in enumerate(model.flexible)}
+        places = {
+            j: _dependencies(definition[k * count : (k + 1) * count], model.p) for k, j in enumerate(model.flexible)
+        }
         first = model.flexible[0]
         inverse = ca.Function("inverse", [model.p[list(places[first])]], [definition[:count]], {"cse": True})
         return Preparation(inverse, tuple(places.values()), rest)
@@ -129,7 +140,9 @@ def assemble(model: Model) -> Graphs:
     handed = ca.vertcat(*(ca.vertcat(*symbols) for _, symbols, _ in D.values()))
     levels = ca.vertcat(*(D[j][0].level for j in model.joints))
     chain = ca.Function("chain", [model.x, model.u, handed, c], [smooth_rate], {"cse": True})
-    exact_chain = ca.Function("exact_chain", [model.x, model.u, sliding, handed, c], [exact_rate, hold, levels], {"cse": True})
+    exact_chain = ca.Function(
+        "exact_chain", [model.x, model.u, sliding, handed, c], [exact_rate, hold, levels], {"cse": True}
+    )
     smooth = _hand_over(model, lanes, None)
     exact = _hand_over(model, lanes, sliding)
     xuc = {"x": model.x, "u": model.u, "c": c}
@@ -155,8 +168,13 @@ def assemble(model: Model) -> Graphs:
     ]
     if model.stiff:
         functions += [
-            Emitted(dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)}), "fastest decay of a stiff state, 1/s"),
-            Emitted(dense("state_jacobian", xuc, {"by_x": jacobians[0]}), "derivative of the rate by x alone, column by column"),
+            Emitted(
+                dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)}), "fastest decay of a stiff state, 1/s"
+            ),
+            Emitted(
+                dense("state_jacobian", xuc, {"by_x": jacobians[0]}),
+                "derivative of the rate by x alone, column by column",
+            ),
         ]
     return Graphs(model, lanes, chain, constants.preparation(model), c, tuple(functions))
 
@@ -214,7 +232,9 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
         k,
         ca.horzcat(*columns),
     )
-    constants.add(k.T, lane.definitions.T)  # lane after lane of each constant side by side, so that one load fetches a vector
+    constants.add(
+        k.T, lane.definitions.T
+    )  # lane after lane of each constant side by side, so that one load fetches a vector
     return lane
 
 
@@ -226,9 +246,7 @@ def _lane_symbols(model: Model, lane: Lane, j: int) -> tuple[Drives, list[Any], 
     names += ["sine", "cosine"] if turn else []
     named = {name: SX.sym(f"{name}_{j}") for name in names}
     rates = [SX.sym(f"rate_{j}_{k}") for k in range(lane.exact.n_out() - len(names))]
-    d = Drives(
-        named["net"], named["level"], named.get("acceleration"), named["joint_torque"], rates=tuple(rates)
-    )
+    d = Drives(named["net"], named["level"], named.get("acceleration"), named["joint_torque"], rates=tuple(rates))
     return d, [*named.values(), *rates], (named["sine"], named["cosine"]) if turn else None
 
 
@@ -254,8 +272,8 @@ def _hand_over(model: Model, lanes: tuple[Lane, ...], sliding: Any) -> Any:
 
 
 def _rate_jacobians(model: Model) -> list[Any]:
-    """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p. The springs' inverse is differentiated by the implicit function theorem, so the derivative is
-    that of the law itself, at τ = 0 too, and carries nothing of the iteration."""
+    """∂ẋ/∂x, ∂ẋ/∂u, ∂ẋ/∂p. The springs' inverse is differentiated by the implicit function theorem, so the derivative
+    is that of the law itself, at τ = 0 too, and carries nothing of the iteration."""
     spring = {j: SX.sym(f"spring_{j}") for j in model.flexible}
     drives = {j: model.drive(j, model.of_joint(j), spring_torque=spring.get(j)) for j in model.joints}
     rate, _ = model.motion(drives)
@@ -265,7 +283,9 @@ def _rate_jacobians(model: Model) -> list[Any]:
     for w in (model.x, model.u, model.p):
         total = ca.jacobian(rate, w)
         for j in model.flexible:
-            slack = ca.jacobian(drives[j].torsion - drive.torsion(spring[j], law[j]), w) / drive.compliance(spring[j], law[j])
+            slack = ca.jacobian(drives[j].torsion - drive.torsion(spring[j], law[j]), w) / drive.compliance(
+                spring[j], law[j]
+            )
             total = total + ca.jacobian(rate, spring[j]) @ slack
         out.append(ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*solved)) if spring else total)
     return out

@@ -43,10 +43,14 @@ def _torque_estimate(model: Model, c: Any) -> Emitted:
 
 
 def _force_map(model: Model, c: Any) -> Emitted:
-    """(JJᵀ)⁻¹ J N, by rows: what the guard limits. Near singular poses it grows without bound, and so does the force it stands for."""
+    """(JJᵀ)⁻¹ J N, by rows: what the guard limits. Near singular poses it grows without bound, and so does the force
+    it stands for."""
     q = SX.sym("q", model.n)
     J = model.chain.jacobian(q, model.chain_parameters())
     square = J @ J.T + 1e-12 * SX.eye(2)
     ratios = ca.diag(ca.vertcat(*(model.of_joint(j)["ratio"] for j in model.joints)))
     columns = [solve_symmetric(square, (J @ ratios)[:, j]) for j in range(model.n)]
-    return Emitted(dense("force_map", {"q": q, "c": c}, {"map": ca.horzcat(*columns).T}), "static force at the tip by motor torque, N/(N m), row by row")
+    return Emitted(
+        dense("force_map", {"q": q, "c": c}, {"map": ca.horzcat(*columns).T}),
+        "static force at the tip by motor torque, N/(N m), row by row",
+    )

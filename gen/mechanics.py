@@ -21,7 +21,10 @@ def kinematics(model: Model, c: Any) -> list[Emitted]:
     J = chain.jacobian(q, p)
     slip = ca.jtimes(J @ v, q, v)
     out = [
-        Emitted(dense("points", {"q": q, "c": c}, {"points": chain.points(q, p).T}), "origins of the joints and the tip, m, (x, y) each"),
+        Emitted(
+            dense("points", {"q": q, "c": c}, {"points": chain.points(q, p).T}),
+            "origins of the joints and the tip, m, (x, y) each",
+        ),
         Emitted(
             dense("tip_jacobian", {"q": q, "v": v, "c": c}, {"J": J, "tip_velocity": J @ v, "Jdot_v": slip}),
             "∂tip/∂q (2 × n, column by column), velocity of the tip, and dJ/dt q̇",
@@ -29,15 +32,23 @@ def kinematics(model: Model, c: Any) -> list[Emitted]:
     ]
     load = SX.sym("joint_torque", model.n)
     twist = [
-        drive.torsion(load[j - 1], drive.springs(model.of_joint(j))) if j in model.flexible else SX(0) for j in model.joints
+        drive.torsion(load[j - 1], drive.springs(model.of_joint(j))) if j in model.flexible else SX(0)
+        for j in model.joints
     ]
-    out.append(Emitted(dense("torsion", {"joint_torque": load, "c": c}, {"torsion": ca.vertcat(*twist)}), "torsion of the springs under a torque, rad"))
+    out.append(
+        Emitted(
+            dense("torsion", {"joint_torque": load, "c": c}, {"torsion": ca.vertcat(*twist)}),
+            "torsion of the springs under a torque, rad",
+        )
+    )
     if chain.kinds == ("revolute", "revolute"):
         point = SX.sym("point", 2)
         both = chain.branches(point, p)
         out.append(
             Emitted(
-                dense("inverse_kinematics", {"point": point, "c": c}, {"q_positive": both[:, 0], "q_negative": both[:, 1]}),
+                dense(
+                    "inverse_kinematics", {"point": point, "c": c}, {"q_positive": both[:, 0], "q_negative": both[:, 1]}
+                ),
                 "joint angles that reach a point, for both signs of the elbow; NaN out of reach",
             )
         )
@@ -61,8 +72,14 @@ def dynamics(model: Model, c: Any) -> list[Emitted]:
             dense("mass_matrix", {"q": qs, "c": c}, {"M": swap(model.inertia())}),
             "mass matrix of the links and the rotors of rigid drives (n × n)",
         ),
-        Emitted(dense("coriolis_matrix", qvc, {"C": chain.coriolis_matrix(qs, vs, p)}), "Christoffel matrix C with Ṁ − 2C skew (n × n)"),
-        Emitted(dense("gravity_torque", {"q": qs, "c": c}, {"g": chain.gravity(qs, p)}), "torque that holds the arm at rest, N m"),
+        Emitted(
+            dense("coriolis_matrix", qvc, {"C": chain.coriolis_matrix(qs, vs, p)}),
+            "Christoffel matrix C with Ṁ − 2C skew (n × n)",
+        ),
+        Emitted(
+            dense("gravity_torque", {"q": qs, "c": c}, {"g": chain.gravity(qs, p)}),
+            "torque that holds the arm at rest, N m",
+        ),
         Emitted(
             dense(
                 "inverse_dynamics",
@@ -72,7 +89,10 @@ def dynamics(model: Model, c: Any) -> list[Emitted]:
             "joint torque, and motor torque with the gear taken as rigid, that give the acceleration a",
         ),
         Emitted(dense("energy", xc, {"kinetic": kinetic, "potential": potential}), "kinetic and potential energy, J"),
-        Emitted(dense("outputs", {"x": x, "u": u, "c": c}, _sensed(model, drives)), "what a complete set of exact sensors reads"),
+        Emitted(
+            dense("outputs", {"x": x, "u": u, "c": c}, _sensed(model, drives)),
+            "what a complete set of exact sensors reads",
+        ),
     ]
 
 
@@ -84,14 +104,17 @@ def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> An
         omega = p["ratio"] * v[j - 1]
         signals = {"motor_position": p["ratio"] * q[j - 1], "motor_velocity": omega, "ratio": p["ratio"]}
         direction = ca.tanh(omega / p["friction_smoothing"])
-        level = sum(e.equation(Signals(**signals, joint_torque=joint_torque[j - 1]), p) for e in model.at(Port.FRICTION, j))
+        level = sum(
+            e.equation(Signals(**signals, joint_torque=joint_torque[j - 1]), p) for e in model.at(Port.FRICTION, j)
+        )
         other = sum(
             e.equation(Signals(**signals, friction_level=level, direction=direction), p)
             for e in model.at(Port.MOTOR, j)
             if not e.states
         )
         link = sum(
-            e.equation(Signals(joint_position=q[j - 1], joint_velocity=v[j - 1], **signals), p) for e in model.at(Port.LINK, j)
+            e.equation(Signals(joint_position=q[j - 1], joint_velocity=v[j - 1], **signals), p)
+            for e in model.at(Port.LINK, j)
         )
         reaction = model.reaction(j, p)
         carried = 0 if reaction is None else (reaction @ a)[0]
@@ -122,13 +145,18 @@ def _energy(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
     absolute = SX(0)
     for j in model.joints:
         absolute = absolute + (q[j - 1] if model.robot.joints[j - 1].kind == "revolute" else 0)
-        com = [bodies[j - 1].mass * points[j - 1, k] + bodies[j - 1].moment * f(absolute) for k, f in ((0, ca.cos), (1, ca.sin))]
+        com = [
+            bodies[j - 1].mass * points[j - 1, k] + bodies[j - 1].moment * f(absolute)
+            for k, f in ((0, ca.cos), (1, ca.sin))
+        ]
         potential = potential - p["gravity_x"] * com[0] - p["gravity_y"] * com[1]
     return kinetic, potential
 
 
 def _sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
-    out: dict[str, list[Any]] = {k: [] for k in ("motor_position", "motor_velocity", "torsion", "beyond_law", "joint_torque")}
+    out: dict[str, list[Any]] = {
+        k: [] for k in ("motor_position", "motor_velocity", "torsion", "beyond_law", "joint_torque")
+    }
     for j in model.joints:
         p, d = model.of_joint(j), drives[j]
         if j in model.rigid:
@@ -136,7 +164,13 @@ def _sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
             row = [p["ratio"] * q, p["ratio"] * v, SX(0), SX(0), p["ratio"] * d.net]
         else:
             beyond = ca.fabs(d.torsion) > drive.springs(p).law_torsion
-            row = [model.slot(f"motor_position_{j}"), model.slot(f"motor_velocity_{j}"), d.torsion, beyond, d.joint_torque]
+            row = [
+                model.slot(f"motor_position_{j}"),
+                model.slot(f"motor_velocity_{j}"),
+                d.torsion,
+                beyond,
+                d.joint_torque,
+            ]
         for name, value in zip(out, row, strict=True):
             out[name].append(value)
     chain, p = model.chain, model.chain_parameters()

@@ -6,6 +6,23 @@ from gen.emit import body, signature, vector_operation
 from gen.functions import Graphs, Lane
 from gen.model import Model
 
+BATCH = """/* Width of a batch: the widest vector that the target has. */
+#if defined(__AVX512F__)
+#define HDA_BATCH_WIDTH 8
+#elif defined(__AVX__)
+#define HDA_BATCH_WIDTH 4
+#else
+#define HDA_BATCH_WIDTH 2
+#endif
+#define HDA_W HDA_BATCH_WIDTH
+#define HDA_V hda_batch
+#include "hda_vector.h"
+#undef HDA_W
+#undef HDA_V
+
+#define HDA_BATCH_ONE(mask) ((hda_batch)((mask) & (hda_batch_bits)(1.0 - (hda_batch){0})))
+
+"""
 HEADER = '#include "hda.h"\n\n#include <math.h>\n\n'
 
 
@@ -14,8 +31,11 @@ def rhs(graphs: Graphs) -> str:
     widths = sorted({lane.width for lane in graphs.lanes})
     parts = [HEADER]
     for width in widths:
-        parts.append(f'#define HDA_W {width}\n#define HDA_V v{width}\n#include "hda_vector.h"\n#undef HDA_W\n#undef HDA_V\n\n')
-    place: dict[int, tuple[int, int, int]] = {}  # joint -> (lane's number, its place in the lane, entry of `handed` before its own)
+        parts.append(
+            f'#define HDA_W {width}\n#define HDA_V v{width}\n#include "hda_vector.h"\n#undef HDA_W\n#undef HDA_V\n\n'
+        )
+    # joint -> (lane's number, its place in the lane, entry of `handed` before its own)
+    place: dict[int, tuple[int, int, int]] = {}
     offset = 0
     for number, lane in enumerate(graphs.lanes):
         for k, j in enumerate(lane.joints):
@@ -45,12 +65,17 @@ def _lane(graphs: Graphs, lane: Lane, number: int) -> str:
         return f"*(const {kind}_loose *)(c + {base + entry * lane.width})"
 
     lines = body(f, read, lambda k, _: f"*({kind}_loose *)h[{k}]", vector_operation(kind), kind)
-    head = f"static inline void lane_{number}(const double *x, const double *u, const double *c, double (*h)[{lane.width}]) {{\n"
-    return head + "    (void)u;\n" + "".join(f"    {line}\n" for line in lines) + "}\n\n"
+    arguments = f"const double *x, const double *u, const double *c, double (*h)[{lane.width}]"
+    text = "".join(f"    {line}\n" for line in ["(void)u;", *lines])
+    return f"static inline void lane_{number}({arguments}) {{\n{text}}}\n\n"
 
 
 def _constants_before(model: Model, lanes: tuple[Lane, ...], number: int) -> int:
-    return len(model.quantities) + sum(s.numel() for s in model.inverse.values()) + sum(int(lane.constants.numel()) for lane in lanes[:number])
+    return (
+        len(model.quantities)
+        + sum(s.numel() for s in model.inverse.values())
+        + sum(int(lane.constants.numel()) for lane in lanes[:number])
+    )
 
 
 def _chain(graphs: Graphs, place: dict[int, tuple[int, int, int]]) -> str:
@@ -81,14 +106,6 @@ def batch(graphs: Graphs) -> str:
         vector_operation("hda_batch"),
         "hda_batch",
     )
-    head = "static inline void batch_rhs(const hda_batch *x, const hda_batch *u, const hda_batch *c, hda_batch *rate) {\n"
-    return (
-        "/* Width of a batch: the widest vector that the target has. */\n"
-        "#if defined(__AVX512F__)\n#define HDA_BATCH_WIDTH 8\n#elif defined(__AVX__)\n#define HDA_BATCH_WIDTH 4\n"
-        "#else\n#define HDA_BATCH_WIDTH 2\n#endif\n"
-        '#define HDA_W HDA_BATCH_WIDTH\n#define HDA_V hda_batch\n#include "hda_vector.h"\n#undef HDA_W\n#undef HDA_V\n\n'
-        + "#define HDA_BATCH_ONE(mask) ((hda_batch)((mask) & (hda_batch_bits)(1.0 - (hda_batch){0})))\n\n"
-        + head
-        + "".join(f"    {line}\n" for line in lines)
-        + "}\n"
-    )
+    arguments = "const hda_batch *x, const hda_batch *u, const hda_batch *c, hda_batch *rate"
+    text = "".join(f"    {line}\n" for line in lines)
+    return f"{BATCH}static inline void batch_rhs({arguments}) {{\n{text}}}\n"

@@ -18,9 +18,45 @@ Values = dict[str, Any]
 LEAST_ROTOR = 1e-12  # kg m², of a body of its own
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9 _.,()+-]{0,79}")
 C_WORDS = frozenset(
-    "asm auto bool break case char const continue default do double else enum extern float for goto if inline int long "
-    "main register restrict return short signed sizeof static struct switch typedef union unsigned void volatile "
-    "while".split()
+    [
+        "asm",
+        "auto",
+        "bool",
+        "break",
+        "case",
+        "char",
+        "const",
+        "continue",
+        "default",
+        "do",
+        "double",
+        "else",
+        "enum",
+        "extern",
+        "float",
+        "for",
+        "goto",
+        "if",
+        "inline",
+        "int",
+        "long",
+        "main",
+        "register",
+        "restrict",
+        "return",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+        "typedef",
+        "union",
+        "unsigned",
+        "void",
+        "volatile",
+        "while",
+    ]
 )
 
 
@@ -183,7 +219,7 @@ def _effect(
 
 def _where(effect: Effect, joint: int, place: str, drives: list[Values], reading: Reading) -> None:
     n = len(drives)
-    fits = {"arm": range(0, 1), "last": range(n, n + 1)}.get(effect.joints, range(1, n + 1))
+    fits = {"arm": range(1), "last": range(n, n + 1)}.get(effect.joints, range(1, n + 1))
     if joint not in fits:
         possible = f"{fits[0]}" if len(fits) == 1 else f"{fits[0]} to {fits[-1]}" if fits else "none"
         words = {"arm": " (the arm as a whole)", "last": " (the last joint)"}.get(effect.joints, "")

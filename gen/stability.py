@@ -20,8 +20,8 @@ import casadi as ca
 import numpy as np
 
 from gen.functions import Graphs
+from gen.headers import MOST_PARTS
 from gen.model import Model
-from gen.sources import MOST_PARTS
 
 STABLE = 2.78  # h |λ| of modes
 SMOOTH = 1.0  # h |λ| of smooth friction

@@ -1,12 +1,14 @@
 """Joint torque without a torque sensor, from motor angle, joint angle and motor torque.
 
-Legend: θ, ω, α motor angle, speed, acceleration; q joint angle; τ_m motor torque; τ_w torque on the wave generator; τ_fs level of dry
-friction; φ torsion; N ratio. Signs: θ and q count in the same direction, so the paper's Δθ of (12) is θ/N − q here.
+Legend: θ, ω, α motor angle, speed, acceleration; q joint angle; τ_m motor torque; τ_w torque on the wave generator;
+τ_fs level of dry friction; φ torsion; N ratio. Signs: θ and q count in the same direction, so the paper's Δθ of (12)
+is θ/N − q here.
 
 Three estimates that share (14), the torsion less the kinematic error:
 
 - series: both springs in series, the exact inverse of (11); needs no motor torque;
-- quasi_static: (15)–(17) corrected: the wave generator's torque from the motor's, less friction; between ±τ_fs the joint sticks and
+- quasi_static: (15)–(17) corrected: the wave generator's torque from the motor's, less friction; between ±τ_fs the
+joint sticks and
   the series estimate gives τ_w = τ/N by (2);
 - dynamic: (15), (16) with τ_w from (18) corrected, in motion.
 """
@@ -38,7 +40,8 @@ def from_torsion(model: Model, j: int, phi: Any) -> Any:
 
 
 def estimates(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_torque: Any) -> dict[str, Any]:
-    """The three estimates (n each, N m at the joint); joints with a rigid drive have no torsion to read and give NaN."""
+    """The three estimates (n each, N m at the joint); joints with a rigid drive have no torsion to read and give
+    NaN."""
     out: dict[str, list[Any]] = {"series": [], "quasi_static": [], "dynamic": []}
     for j in model.joints:
         if j in model.rigid:
@@ -52,7 +55,12 @@ def estimates(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_to
         torque = motor_torque[j - 1]
         sliding = torque - ca.sign(torque) * friction
         held = ca.if_else(ca.fabs(torque) > friction, sliding, series / p["ratio"])
-        moving = torque - p["motor_inertia"] * alpha[j - 1] - p["viscous_friction"] * omega[j - 1] - friction * ca.sign(omega[j - 1])
+        moving = (
+            torque
+            - p["motor_inertia"] * alpha[j - 1]
+            - p["viscous_friction"] * omega[j - 1]
+            - friction * ca.sign(omega[j - 1])
+        )
         out["series"].append(series)
         for name, wave_generator in (("quasi_static", held), ("dynamic", moving)):
             out[name].append(p["stiffness_level"] * _flexspline(p, phi, wave_generator))

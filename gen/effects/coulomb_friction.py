@@ -17,5 +17,5 @@ EFFECT = Effect(
     parameters=(),
     amplitudes=("coulomb_friction",),
     equation=level,
-    citation="paper (17), (18) corrected: friction opposes the motion; Olsson et al., Eur. J. Control 4 (1998) 176, eq. (1)",
+    citation="paper (17), (18) corrected: friction opposes motion; Olsson et al., Eur. J. Control 4 (1998) 176, (1)",
 )

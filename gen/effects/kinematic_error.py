@@ -1,4 +1,5 @@
-"""The wave generator's kinematic error. Legend: θ motor angle; a_k, b_k sine and cosine amplitudes, rad at the joint."""
+"""The wave generator's kinematic error. Legend: θ motor angle; a_k, b_k sine and cosine amplitudes, rad at the
+joint."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -23,6 +24,6 @@ EFFECT = Effect(
     parameters=tuple(Parameter(name, "rad", 0.0, -2e-3, 2e-3, "amplitude at the joint") for name in NAMES),
     amplitudes=NAMES,
     equation=angle,
-    citation="Tuttle, Seering, A nonlinear model of a harmonic drive gear transmission, IEEE Trans. Robot. Autom. 12 (1996) 368",
+    citation="Tuttle, Seering, Nonlinear model of a harmonic drive, IEEE Trans. Robot. Autom. 12 (1996) 368",
     rigid=False,
 )

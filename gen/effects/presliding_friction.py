@@ -24,6 +24,6 @@ EFFECT = Effect(
     ),
     amplitudes=("presliding_share",),
     equation=torque,
-    citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, eq. (1)-(3) without micro-damping",
+    citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, (1)-(3)",
     states=(State("bristle", "1", 1.0, "deflection against the displacement", stiff=True),),
 )

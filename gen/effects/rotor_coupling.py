@@ -1,4 +1,5 @@
-"""The rotor rides on the link before its joint. Legend: s direction of the rotor against the link (1, −1; 0 leaves it out)."""
+"""The rotor rides on the link before its joint. Legend: s direction of the rotor against the link (1, −1; 0 leaves it
+out)."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,5 +20,5 @@ EFFECT = Effect(
     ),
     amplitudes=("coupling",),
     equation=share,
-    citation="Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987) 310, the term he drops",
+    citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, the term that is dropped there",
 )

@@ -1,4 +1,5 @@
-"""Rate-independent hysteresis of the flexspline. Legend: h amplitude, N m; δ angle over which it turns, rad; z state in [−1, 1]."""
+"""Rate-independent hysteresis of the flexspline. Legend: h amplitude, N m; δ angle over which it turns, rad; z state
+in [−1, 1]."""
 
 from collections.abc import Mapping
 from typing import Any

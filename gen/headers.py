@@ -1,0 +1,122 @@
+"""The generated headers: sizes, the interface, the table of callable functions, the controllers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gen.compliance import Law
+from gen.emit import signature
+from gen.emitted import Emitted
+from gen.model import Model
+
+# of the L-stable step, as a share of each state's bound: 6e-8 rad at worst on a link after 3 s, where 1e-6 is asked
+TOLERANCE = 1e-6
+MOST_PARTS = 1024
+
+STEPS = (
+    ("step", (("x", "NX"), ("u", "NU"), ("c", "NC"), ("h", "1")), (("next", "NX"),), "one step with smooth friction"),
+    (
+        "step_exact",
+        (("x", "NX"), ("u", "NU"), ("c", "NC"), ("h", "1")),
+        (("next", "NX"),),
+        "one step with set-valued friction",
+    ),
+    (
+        "step_jacobian",
+        (("x", "NX"), ("u", "NU"), ("p", "NP"), ("h", "1")),
+        (("next", "NX"), ("by_x", "NX * HDA_NX"), ("by_u", "NX * HDA_NU"), ("by_p", "NX * HDA_NP")),
+        "one smooth step and its derivatives by x, u and p, column by column",
+    ),
+)
+
+
+def sizes(model: Model, c: int, build: str, lanes: bool) -> str:
+    """hda_sizes.h."""
+    names = [slot.name for slot in model.x_slots]
+    slide = [names.index(f"{'joint' if j in model.rigid else 'motor'}_velocity_{j}") for j in model.joints]
+    defines: dict[str, Any] = {
+        "HDA_N": model.n,
+        "HDA_NX": len(model.x_slots),
+        "HDA_NU": len(model.u_slots),
+        "HDA_NP": len(model.quantities),
+        "HDA_NC": c,
+        "HDA_STIFF": int(model.stiff),
+        "HDA_LANES": int(lanes),
+        "HDA_TOLERANCE": TOLERANCE,
+        "HDA_MOST_PARTS": MOST_PARTS,
+        "HDA_POSITION": names.index("joint_position_1"),
+        "HDA_SLIDE": "{" + ", ".join(map(str, slide)) + "}",
+        "HDA_BOUND": "{" + ", ".join(repr(float(slot.bound)) for slot in model.x_slots) + "}",
+        "HDA_NOMINAL": "{" + ", ".join(repr(float(q.nominal)) for q in model.quantities) + "}",
+        "HDA_STEP": repr(model.robot.step),
+        "HDA_BUILD": f'"{build}"',
+    }
+    lines = "".join(f"#define {name} {value}\n" for name, value in defines.items())
+    meaning = "Sizes of this model, p's nominal values, the step it is meant for (s), the build it belongs to."
+    return guarded("HDA_SIZES_H", meaning, lines)
+
+
+def header(functions: tuple[Emitted, ...]) -> str:
+    """hda.h, the whole interface of the library."""
+    own = "".join(f"/* {f.meaning} */\nHDA_API {signature(f.graph, f.name)};\n" for f in functions)
+    steps = "".join(f"/* {meaning} */\nHDA_API {_declare(name, ins, outs)};\n" for name, ins, outs, meaning in STEPS)
+    meaning = (
+        "A compiled robot arm. Vectors are plain doubles, matrices stand column by column; the manifest names\n"
+        " * every entry. c comes from hda_prepare(p, c), once for a set of parameters. Nothing allocates, nothing keeps state."
+    )
+    includes = '#include "hda_guard.h"\n#include "hda_rollout.h"\n#include "hda_sizes.h"\n'
+    opened, closed = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
+    return guarded("HDA_H", meaning, f"{includes}\n{opened}\n{own}\n{steps}\n{closed}")
+
+
+def guarded(name: str, meaning: str, text: str) -> str:
+    """A header that may be included twice."""
+    return f"/* {meaning} */\n#ifndef {name}\n#define {name}\n\n{text}\n#endif\n"
+
+
+def _declare(name: str, ins: Any, outs: Any) -> str:
+    arguments = [f"const double *{a}" for a, _ in ins] + [f"double *{a}" for a, _ in outs]
+    return f"void hda_{name}({', '.join(arguments)})"
+
+
+def table(functions: tuple[Emitted, ...]) -> str:
+    """hda_table.h: what Python may call, with the length of every array."""
+    entries = [(f.name, [(a, str(n)) for a, n in f.inputs], [(a, str(n)) for a, n in f.outputs]) for f in functions]
+    entries += [(name, [_sized(a) for a in ins], [_sized(a) for a in outs]) for name, ins, outs, _ in STEPS]
+    calls, rows = [], []
+    for name, ins, outs in entries:
+        arguments = ", ".join(f"a[{k}]" for k in range(len(ins) + len(outs)))
+        calls.append(f"static void call_{name}(void *const *a) {{ hda_{name}({arguments}); }}\n")
+        cells = [f"{{\"{a}\", 'd', {n}, 0}}" for a, n in ins] + [f"{{\"{a}\", 'd', {n}, 1}}" for a, n in outs]
+        rows.append(f'    {{"{name}", {len(cells)}, call_{name}, {{{", ".join(cells)}}}}},\n')
+    listed = "".join(rows) + "    HDA_BRIDGE_ENTRIES\n    {NULL, 0, NULL, {{NULL, 0, 0, 0}}},\n"
+    text = f"{''.join(calls)}\nstatic const hda_entry hda_table[] = {{\n{listed}}};\n"
+    return guarded("HDA_TABLE_H", "What Python may call.", f'#include "hda_bridge.h"\n#include "hda_entry.h"\n\n{text}')
+
+
+def laws(found: tuple[Law, ...]) -> str:
+    """hda_laws.h: the controllers by number, with the bounds of their gains."""
+    most = {what: max(len(getattr(law, what)) for law in found) for what in ("gains", "reference", "state")}
+    rows = " \\\n".join(
+        f"  HDA_LAW({law.name}, {len(law.gains)}, {len(law.reference)}, {len(law.state)})" for law in found
+    )
+    numbers = "".join(f"#define HDA_LAW_{law.name} {k}\n" for k, law in enumerate(found))
+
+    def bounds(which: str) -> str:
+        rows = ("{" + ", ".join(repr(float(getattr(g, which))) for g in law.gains) + "}" for law in found)
+        return "{" + ", ".join(rows) + "}"
+
+    defines = {
+        f"{what}_MOST": most[key] for what, key in (("GAINS", "gains"), ("REFERENCE", "reference"), ("MEMORY", "state"))
+    }
+    defines |= {f"GAINS_{which.upper()}": bounds(which) for which in ("nominal", "low", "high")}
+    lines = "".join(f"#define HDA_{name} {value}\n" for name, value in defines.items())
+    meaning = (
+        "The controllers: name, and numbers of gains, reference values and memory. The manifest names every entry."
+    )
+    return guarded("HDA_LAWS_H", meaning, f"{numbers}#define HDA_LAW_LIST(HDA_LAW) \\\n{rows}\n{lines}")
+
+
+def _sized(argument: tuple[str, str]) -> tuple[str, str]:
+    name, size = argument
+    return name, size if size == "1" else f"HDA_{size}"

@@ -1,0 +1,30 @@
+/* Rollouts. Row k of u is held for dt[k] (s), in steps of at most `most` (s); x gets rows + 1 rows, the first is x0. */
+#ifndef HDA_ROLLOUT_H
+#define HDA_ROLLOUT_H
+
+#include "hda_guard.h" /* HDA_API */
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Dry friction with the smooth sign. */
+HDA_API void hda_rollout(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                         double *x);
+
+/* Dry friction set-valued: a motor at rest stays exactly where it is until the load overcomes it. */
+HDA_API void hda_rollout_exact(const double *x0, const double *u, const double *c, const double *dt, long rows,
+                               double most, double *x);
+
+/* `count` trajectories, row after row of each, with smooth friction; own: each has its own c, one after the other. */
+HDA_API void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows,
+                               double most, long count, int own, double *x);
+
+/* Trajectories that are advanced at once. */
+HDA_API int hda_batch_width(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
