@@ -1,18 +1,20 @@
-"""What `hdagen demo` shows, as numbers: the arm on a circle and pushed, under two laws; its torque estimate; replays of logs.
+"""What `hdagen demo` shows, as numbers: the arm on a circle and pushed, under two laws; its torque estimate; replays.
 
-The arm of preset `paper`, dry friction set-valued, encoders and force sensor as its robot file says. The bar: pushed, the tip moves as
-the ideal mass, damper and spring would, within a tenth of the largest ideal displacement.
+The arm of preset `paper`, dry friction set-valued, encoders and noise as its robot file says. The bar: pushed, the tip
+moves as the ideal mass, damper and spring would, within a tenth of the largest ideal displacement.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hdagen.control import Controller, Guard, Safe
-from hdagen.plant import Arm, Array
+from hdagen.demo_replay import Replayed, data_folder, emps, shipped
+from hdagen.plant import Arm, Array, load
 from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Simulation, ideal, run
 
@@ -30,8 +32,9 @@ SMOOTHING = 0.015  # s, of the cubic through the angles that gives the estimate 
 
 @dataclass(frozen=True)
 class Followed:
-    """One law on the circle. ``moved`` and ``ideal`` (T, 2, m): how far the tip is off the circle, and how far M ẍ + B ẋ + K x = F
-    says; ``gap`` (T,) m between them; ``points`` (T, n + 1, 2) m of base, joints and tip."""
+    """One law on the circle. ``moved`` and ``ideal`` (T, 2, m): how far the tip is off the circle, and how far
+    M ẍ + B ẋ + K x = F says; ``points`` (T, n + 1, 2, m): base, joints and tip; ``fault``: what the first refused tick
+    says, or nothing."""
 
     law: str
     gains: Mapping[str, float]
@@ -40,11 +43,11 @@ class Followed:
     moved: Array
     ideal: Array
     points: Array
-    sentence: str  # of the first tick that was refused, or empty
+    fault: str
 
     @property
     def gap(self) -> Array:
-        """m, (T,)."""
+        """How far the tip is from where the ideal puts it, (T,) m."""
         return np.linalg.norm(self.moved - self.ideal, axis=1)
 
     @property
@@ -60,7 +63,7 @@ class Followed:
     @property
     def holds(self) -> bool:
         """Whether the bar is met, with no tick refused."""
-        return self.share <= BAR and not self.sentence
+        return self.share <= BAR and not self.fault
 
 
 @dataclass(frozen=True)
@@ -76,17 +79,11 @@ class Estimated:
         return np.sqrt(np.mean((estimate - self.true) ** 2, axis=0))
 
 
-def follow(
-    arm: Arm,
-    law: str,
-    gains: Mapping[str, float] | None = None,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> Followed:
-    """``law`` with ``gains`` (default: its own) drives the tip around the circle, and the world pushes. PlantError as `run`."""
+def follow(arm: Arm, law: str, gains: Mapping[str, float] | None = None, seed: int = 0) -> Followed:
+    """``law`` with ``gains`` (default: its own) drives the tip around the circle and is pushed. PlantError as `run`."""
     controller = Controller(arm, law, Guard(Safe.DAMPING, safe_damping=SAFE_DAMPING), gains)
     reference = circle(RADIUS, CENTER, TURN, SECONDS, controller.guard.period)
-    result = run(arm, controller, reference, PUSHES, seed=seed, progress=progress)
+    result = run(arm, controller, reference, PUSHES, seed=seed)
     joint = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     points = arm.evaluate("points", q=result.state[:, joint])["points"].reshape(len(result.state), -1, 2)
     refused = result.status[result.status < 0]
@@ -105,8 +102,8 @@ def follow(
 def estimate(arm: Arm, followed: Followed) -> Estimated:
     """The torque estimates from what the log holds: encoders' angles and measured currents, nothing of the truth.
 
-    A cubic fitted around each row smooths the angles and gives speed and acceleration; it looks as far ahead as back, so this is for
-    logs, not for a controller.
+    A cubic fitted around each row smooths the angles and gives speed and acceleration; it looks as far ahead as back,
+    so this is for logs, not for a controller.
     """
     from scipy.signal import savgol_filter
 
@@ -127,3 +124,79 @@ def estimate(arm: Arm, followed: Followed) -> Estimated:
         motor_torque=constant * fitted("motor_current"),
     )
     return Estimated(followed.simulation.joint_torque, found["series"], found["dynamic"])
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Everything on the page. ``estimated`` is under the first law; ``uncompensated``: that law with friction not
+    observed, which shows what the bar asks and does not count."""
+
+    arm: Arm
+    followed: tuple[Followed, ...]
+    uncompensated: Followed
+    estimated: Estimated
+    replays: tuple[Replayed, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether the tip stayed within the bar under every law."""
+        return all(followed.holds for followed in self.followed)
+
+
+def show(profile: str = "portable", seed: int = 0, stage: Callable[[str], None] | None = None) -> Demo:
+    """Build what is not built, simulate, estimate, replay; ``stage`` hears what is being done. PlantError, LogError."""
+    say = stage or (lambda _: None)
+    say("building the arm")
+    arm = load(ROBOT, profile)
+    followed = []
+    for law in LAWS:
+        say(f"simulating {law.partition('_')[0]} control")
+        followed.append(follow(arm, law, seed=seed))
+    say("simulating without friction compensation")
+    uncompensated = follow(arm, LAWS[0], {"observer_bandwidth": 0.0}, seed)
+    say("estimating the joint torque")
+    estimated = estimate(arm, followed[0])
+    say("replaying the log that ships")
+    replays = [shipped(arm)]
+    if folder := data_folder():
+        say("building EMPS")
+        axis = load("emps", profile)
+        say("replaying EMPS")
+        replays.append(emps(axis, folder))
+    return Demo(arm, tuple(followed), uncompensated, estimated, tuple(replays))
+
+
+def numbers(demo: Demo) -> dict[str, Any]:
+    """The demo's figures by name, SI units, as JSON takes them."""
+    followed = {
+        one.law: {
+            "largest_ideal_displacement": one.largest_ideal,
+            "largest_gap": float(one.gap.max()),
+            "largest_gap_share": one.share,
+            "rms_gap": float(np.sqrt(np.mean(one.gap**2))),
+            "largest_gap_time": float(one.reference.time[one.gap.argmax()]),
+            "ticks": len(one.simulation.status),
+            "ticks_limited": int((one.simulation.status > 0).sum()),
+            "ticks_refused": int((one.simulation.status < 0).sum()),
+            "first_refusal": one.fault or None,
+        }
+        for one in demo.followed
+    }
+    estimated = demo.estimated
+    return {
+        "bar": BAR,
+        "holds": demo.holds,
+        "followed": followed,
+        "largest_gap_share_without_friction_compensation": demo.uncompensated.share,
+        "torque_estimate_rms_error": {
+            "series": estimated.rms(estimated.series).tolist(),
+            "dynamic": estimated.rms(estimated.dynamic).tolist(),
+        },
+        "replays": {
+            one.name: [
+                {"joint": j, "unit": channel.unit, "rms_residual": channel.rms, "rms_motion_in_window": channel.still}
+                for j, channel in enumerate(one.channels, 1)
+            ]
+            for one in demo.replays
+        },
+    }

@@ -31,6 +31,7 @@ PERIOD = 1e-3  # s, of the controller and of the log
 SECONDS = 8.0
 STIFFNESS = 1.0e4  # N m/rad: K1 of the CSG-17-100's catalogue, as one linear spring
 CURRENT_COUNT = 1e-3  # A: drives take and report whole mA
+CREEP = 0.005  # s, time constant of MuJoCo's friction; its default of 0.02 s lets a drive creep that should stick
 FORCE_NOISE = 0.2  # N, standard deviation
 FORCE_COUNT = 0.01  # N
 BANDWIDTH = 60.0  # rad/s, of the PD loop on the motors
@@ -69,12 +70,13 @@ def mjcf(joints: Sequence[dict[str, Any]]) -> str:
         joint, drive = joints[j], joints[j]["drive"]
         N = drive["ratio"]
         place = f"{joints[j - 1]['length'] if j else 0} 0 0"
+        friction = f"solreffriction='{CREEP} 1'"
         inertia = f"{joint['inertia']} " * 3  # only the one about z counts in the plane
         rotor = f"armature='{N**2 * drive['motor_inertia']}' damping='{N**2 * drive['viscous_friction']}'"
         inner = f"""
         <body pos='{place}'>
           <inertial pos='0 0 0' mass='1e-6' diaginertia='1e-9 1e-9 1e-9'/>
-          <joint name='rotor_{j + 1}' axis='0 0 1' {rotor} frictionloss='{N * drive["coulomb_friction"]}'/>
+          <joint name='rotor_{j + 1}' axis='0 0 1' {rotor} {friction} frictionloss='{N * drive["coulomb_friction"]}'/>
           <body>
             <inertial pos='{joint["center_of_mass"]} 0 0' mass='{joint["mass"]}' diaginertia='{inertia}'/>
             <joint name='torsion_{j + 1}' axis='0 0 1' stiffness='{STIFFNESS}' damping='{drive["torsional_damping"]}'/>

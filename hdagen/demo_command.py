@@ -1,0 +1,105 @@
+"""`hdagen demo`: the compiled arm on a circle, pushed; a log replayed; one page with the pictures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hdagen.demo import Demo
+
+DONE, BAR_MISSED = 0, 1
+EXAMPLE = """example:
+  hdagen demo --out arm.html"""
+
+
+def add_parser(commands: Any) -> None:
+    """The command's arguments."""
+    p = commands.add_parser(
+        "demo",
+        help="build the arm, drive it around a circle, push it, replay a log, and write a page",
+        description="Builds the dual-joint harmonic-drive arm, drives it around a circle under impedance and admittance "
+        "control, pushes it, replays a log, and writes one page that opens offline. Exit code 1 if the tip misses the "
+        "ideal mass-damper-spring motion by more than 10 % of its largest displacement.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("--out", type=Path, default=Path("hdagen-demo.html"), help="the page (default: hdagen-demo.html)")
+    p.add_argument("--profile", choices=("portable", "native"), default="portable", help="how the arm is compiled")
+    p.add_argument("--json", action="store_true", help="print the figures as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show, write, print; 1 where the tip misses the bar."""
+    from rich.console import Console
+
+    from hdagen import demo, demo_page
+    from hdagen.plant import PlantError
+
+    if options.out.is_dir() or not options.out.parent.is_dir():
+        raise PlantError(f"--out {options.out}: give the path of a file in a folder that exists, such as arm.html.")
+    with _stages(Console(stderr=True)) as stage:
+        shown = demo.show(options.profile, stage=stage)
+        stage("writing the page")
+        try:
+            demo_page.write(options.out, shown)
+        except OSError as error:
+            raise PlantError(f"{options.out}: {error.strerror}; choose another place with --out.") from None
+    if options.json:
+        print(json.dumps({"page": str(options.out), **demo.numbers(shown)}, indent=1))
+    else:
+        _print(Console(), shown, options.out)
+    return DONE if shown.holds else BAR_MISSED
+
+
+@contextmanager
+def _stages(console: Console) -> Iterator[Callable[[str], None]]:
+    """What is being done: a spinner with the time on a terminal, elsewhere a line a stage."""
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    if not console.is_terminal:
+        yield lambda words: console.print(words, highlight=False)
+        return
+    with Progress(
+        SpinnerColumn(finished_text="·"), TextColumn("{task.description}"), TimeElapsedColumn(), console=console
+    ) as bar:
+
+        def stage(words: str) -> None:
+            for task in bar.task_ids:
+                bar.update(task, total=1, completed=1)
+            bar.add_task(words, total=None)
+
+        yield stage
+        stage("done")
+
+
+def _print(console: Console, shown: Demo, out: Path) -> None:
+    """A short table, and where the page is."""
+    from rich.table import Table
+
+    from hdagen.demo import BAR
+
+    table = Table("", "what", "value", box=None, pad_edge=False)
+    for one in shown.followed:
+        value = f"{1e3 * one.gap.max():.2f} mm, {100 * one.share:.1f} % of {1e3 * one.largest_ideal:.1f} mm"
+        table.add_row("ok" if one.holds else "missed", f"{one.law}: largest gap to the ideal motion", value)
+    for replayed in shown.replays:
+        for channel in replayed.channels:
+            what = f"replay of {replayed.name}{'' if replayed.real else ' (simulated)'}, {channel.name}: rms residual"
+            table.add_row(
+                "",
+                what,
+                f"{1e3 * channel.rms:.3f} m{channel.unit}, {100 * channel.rms / channel.still:.2g} % of the motion",
+            )
+    console.print(table)
+    if all(not replayed.real for replayed in shown.replays):
+        console.print("No measured log: set HDAGEN_DATA to the folder that holds real/emps to see EMPS replayed too.")
+    if not shown.holds:
+        console.print(f"The bar is missed: the gap must stay within {100 * BAR:g} %, with no tick refused.")
+    console.print(f"Open {out} in a browser.", soft_wrap=True)
