@@ -31,6 +31,7 @@ from gen.emitted import Emitted, dense
 from gen.model import Model, solve_symmetric
 
 SX = ca.SX
+SQUARINGS, TAYLOR = 50, 6  # of `held_force`: h B/M up to 1e14, what the gains' bounds allow, becomes 0.1
 
 COMMON = (
     Parameter("period", "s", 1e-3, 1e-5, 0.1, "time from tick to tick"),
@@ -101,7 +102,8 @@ class Loop:
 
     def wanted(self) -> tuple[Any, Any, Any]:
         """Position, velocity and acceleration of the reference."""
-        return tuple(ca.vertsplit(self.reference, self.reference.numel() // 3))
+        position, velocity, acceleration = ca.vertsplit(self.reference, self.reference.numel() // 3)
+        return position, velocity, acceleration
 
     def memory(self, name: str, count: int) -> Any:
         """The part of the memory that begins at ``name``."""
@@ -116,7 +118,11 @@ class Loop:
         a = 1 - ca.exp(-2 * ca.pi * g["velocity_cutoff"] * g["period"])
         omega = omega + a * ((theta - last_theta) / g["period"] - omega)
         v = v + a * ((q - last_q) / g["period"] - v)
-        phi, rate, torque, r, next_observed = [], [], [], [], []
+        phi: list[Any] = []
+        rate: list[Any] = []
+        torque: list[Any] = []
+        r: list[Any] = []
+        next_observed: list[Any] = []
         for j in model.joints:
             p = model.of_joint(j)
             if j in model.rigid:
@@ -185,7 +191,8 @@ class Loop:
         qs, vs = SX.sym("q", self.model.n), SX.sym("v", self.model.n)
         J = chain.jacobian(qs, p)
         parts = [chain.mass_matrix(qs, p), chain.bias(qs, vs, p), J, ca.jtimes(J @ vs, qs, vs)]
-        return tuple(ca.substitute(parts, [qs, vs], [q, v]))
+        mass, bias, jacobian, turn = ca.substitute(parts, [qs, vs], [q, v])
+        return mass, bias, jacobian, turn
 
     def finish(self, c: Any, torque: Any, memory: list[Any], started: list[Any]) -> Law:
         """The law's two functions from what its tick computes."""
@@ -221,26 +228,23 @@ def mobility(loop: Loop, M_q: Any, J: Any) -> Any:
     return ca.horzcat(*(solve_symmetric(A, SX.eye(2)[:, k]) for k in range(2)))
 
 
-def expm(A: Any, squarings: int = 8, order: int = 10) -> Any:
-    """exp(A) by scaling and squaring; 1e-12 relative up to norms of 100 (Moler, Van Loan, SIAM Review 45 (2003) 3,
-    method 3)."""
-    size = A.shape[0]
-    scaled = A / 2**squarings
-    out = SX.eye(size)
-    for k in range(order, 0, -1):
-        out = SX.eye(size) + scaled @ out / k
-    for _ in range(squarings):
-        out = out @ out
-    return out
-
-
 def held_force(M: Any, B: Any, K: Any, h: Any, x: Any, v: Any, F: Any) -> tuple[Any, Any]:
     """x and v after h of M ẍ + B ẋ + K x = F with F held: (26) discretised exactly (Van Loan, IEEE Trans. Autom.
-    Control 23 (1978) 395)."""
-    A = SX.zeros(3, 3)
+    Control 23 (1978) 395).
+
+    exp(A h) by scaling and squaring (Moler, Van Loan, SIAM Review 45 (2003) 3, method 3), but of Y = exp − 1:
+    Y ← 2 Y + Y² keeps every digit of entries that are small against 1, however many squarings, so that one number of
+    them serves the whole range of the gains.
+    """
+    A = SX(3, 3)
     A[0, 1], A[1, 0], A[1, 1], A[1, 2] = h, -h * K / M, -h * B / M, h / M
-    E = expm(A)
-    return E[0, 0] * x + E[0, 1] * v + E[0, 2] * F, E[1, 0] * x + E[1, 1] * v + E[1, 2] * F
+    scaled = A / 2.0**SQUARINGS
+    Y = scaled
+    for k in range(TAYLOR, 1, -1):
+        Y = scaled + scaled @ Y / k
+    for _ in range(SQUARINGS):
+        Y = 2 * Y + Y @ Y
+    return x + Y[0, 0] * x + Y[0, 1] * v + Y[0, 2] * F, v + Y[1, 0] * x + Y[1, 1] * v + Y[1, 2] * F
 
 
 def _mbk(

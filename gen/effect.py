@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
@@ -67,7 +67,7 @@ class Signals:
     joint_position: Any = None  # q, rad
     joint_velocity: Any = None  # q̇, rad/s
     ratio: Any = None  # N
-    states: Mapping[str, Any] | None = None
+    states: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,9 @@ def header(functions: tuple[Emitted, ...]) -> str:
     own = "".join(f"/* {f.meaning} */\nHDA_API {signature(f.graph, f.name)};\n" for f in functions)
     steps = "".join(f"/* {meaning} */\nHDA_API {_declare(name, ins, outs)};\n" for name, ins, outs, meaning in STEPS)
     meaning = (
-        "A compiled robot arm. Vectors are plain doubles, matrices stand column by column; the manifest names\n"
-        " * every entry. c comes from hda_prepare(p, c), once for a set of parameters. Nothing allocates, nothing keeps state."
+        "A compiled robot arm. Vectors are plain doubles, matrices stand column by column; the manifest\n"
+        " * names every entry. c comes from hda_prepare(p, c), once for a set of parameters.\n"
+        " * Nothing allocates, nothing keeps state."
     )
     includes = '#include "hda_guard.h"\n#include "hda_rollout.h"\n#include "hda_sizes.h"\n'
     opened, closed = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
@@ -106,7 +107,7 @@ def laws(found: tuple[Law, ...]) -> str:
         rows = ("{" + ", ".join(repr(float(getattr(g, which))) for g in law.gains) + "}" for law in found)
         return "{" + ", ".join(rows) + "}"
 
-    defines = {
+    defines: dict[str, Any] = {
         f"{what}_MOST": most[key] for what, key in (("GAINS", "gains"), ("REFERENCE", "reference"), ("MEMORY", "state"))
     }
     defines |= {f"GAINS_{which.upper()}": bounds(which) for which in ("nominal", "low", "high")}

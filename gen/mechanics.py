@@ -58,18 +58,17 @@ def kinematics(model: Model, c: Any) -> list[Emitted]:
 def dynamics(model: Model, c: Any) -> list[Emitted]:
     """Mass matrix, Coriolis, gravity, inverse dynamics, energy, outputs."""
     chain, p = model.chain, model.chain_parameters()
-    n, q, v, a = model.n, model.q, model.v, SX.sym("a", model.n)
+    n, q, a = model.n, model.q, SX.sym("a", model.n)
     x, u = model.x, model.u
     qs, vs = SX.sym("q", n), SX.sym("v", n)
     drives = {j: model.drive(j, model.of_joint(j)) for j in model.joints}
     kinetic, potential = _energy(model, drives)
-    swap = lambda e: ca.substitute(e, ca.vertcat(q, v), ca.vertcat(qs, vs))  # noqa: E731
     xc, qvc = {"x": x, "c": c}, {"q": qs, "v": vs, "c": c}
     force = SX.sym("tip_force", 2)
     torque = chain.recursion(qs, vs, a, p, (p["gravity_x"], p["gravity_y"]), (force[0], force[1]))
     return [
         Emitted(
-            dense("mass_matrix", {"q": qs, "c": c}, {"M": swap(model.inertia())}),
+            dense("mass_matrix", {"q": qs, "c": c}, {"M": ca.substitute(model.inertia(), q, qs)}),
             "mass matrix of the links and the rotors of rigid drives (n × n)",
         ),
         Emitted(

@@ -199,11 +199,12 @@ class Model:
 
         motor = {"motor_position": theta, "motor_velocity": omega}
         joint = {"joint_position": q, "joint_velocity": v}
-        phi = phi_rate = spring = tau = slope = None
+        step_down = 1 / p["ratio"]
+        phi = phi_rate = spring = tau = slope = SX()
         if not rigid:
             error = total(Port.TORSION, SX(0), **motor)
             slope = ca.jacobian(error, theta)  # beside 1/ratio, not added to it: slope 0 is then exact
-            phi, phi_rate = theta / p["ratio"] + error - q, omega / p["ratio"] + slope * omega - v
+            phi, phi_rate = theta * step_down + error - q, omega * step_down + slope * omega - v
             spring = spring_torque
             if spring is None:
                 spring = drive.spring_torque(phi, drive.springs(p), p["inverse"], self.plan)
@@ -215,7 +216,7 @@ class Model:
         torque = p.get("torque_constant", 1) * self.u[j - 1]
         torque = total(Port.MOTOR, torque, friction_level=level, direction=direction, joint_torque=tau, **motor)
         if not rigid:
-            torque = torque - (tau / p["ratio"] + slope * tau)  # the gear does the work that it transmits
+            torque = torque - (tau * step_down + slope * tau)  # the gear does the work that it transmits
         net = torque - level * direction
         if exact is not None:  # other effects may have taken a part of the dry friction over
             level = ca.substitute(-ca.jacobian(net, exact), exact, 0)
