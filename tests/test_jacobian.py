@@ -182,7 +182,7 @@ def test_derivatives_of_the_step_are_casadis(build: Builder, kind: str, tmp_path
 
 
 def test_derivatives_of_the_stiff_step_are_those_of_the_flow(build: Builder) -> None:
-    """Bristles and hysteresis: `step_jacobian` against differences of the same 0.5 ms in 32 steps, set-valued RK4 in fact.
+    """Bristles and hysteresis: `step_jacobian` against differences of the same 0.1 ms in 32 steps, set-valued RK4 in fact.
 
     With all dry friction in the bristles nothing is set-valued, so the other method integrates the same equations.
     """
@@ -190,7 +190,7 @@ def test_derivatives_of_the_stiff_step_are_those_of_the_flow(build: Builder) -> 
     for name in ("presliding_share_1", "presliding_share_2"):
         p[arm.parameters.index(name)] = 1.0
     (c,) = arm("prepare", p)
-    h = 5e-4
+    h = 1e-4
 
     def flow(x: Floats, u: Floats, constants: Floats) -> Floats:
         return arm.rollout(x, u[None], constants, h, h / 32, kind=EXACT)[1]
