@@ -1,0 +1,208 @@
+"""Closed-loop replay: the controller that drove the machine drives the model, from the logged reference and the simulated encoders.
+
+controller.toml states for every joint the cascade of a position loop in a velocity loop,
+
+    command = torque_scale · clip(kv (kp (reference − position) − velocity), ± limit)
+
+with the velocity as the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average. Source: Janot, Gautier,
+Brunot, Data set and reference models of EMPS (2019), 1.3 and Fig. 2, where the average is over two rows.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdagen.channels import describe
+from hdagen.kalman import estimate
+from hdagen.log import Log, LogError
+from hdagen.plant import Arm, Array, PlantError
+from hdagen.readings import Readings, mechanical
+from hdagen.replay import Replay, check, compare, driven_by, window_starts
+
+_LARGEST = 100_000  # bytes of a controller.toml
+_MOST_SAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Law:
+    """The law of one joint: ``kp`` 1/s, ``kv`` in the command's unit a rad/s (m/s) before ``torque_scale``, ``limit`` of the command
+    before it, ``encoder`` "joint" or "motor" (its angle over the ratio)."""
+
+    kp: float
+    kv: float
+    velocity_filter_samples: int = 1
+    torque_scale: float = 1.0
+    limit: float = math.inf
+    encoder: str = "joint"
+
+
+def read_controller(path: str | Path) -> tuple[Law, ...]:
+    """The laws of a controller.toml, one a [[joint]], base first. Raises PlantError with every problem."""
+    path = Path(path)
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise PlantError(f"{path}: larger than {_LARGEST} bytes, no controller.toml is; name one.")
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        why = getattr(error, "strerror", None) or str(error)[:200]
+        raise PlantError(f"{path}: cannot be read as TOML ({why}); see docs/replay.md for what it holds.") from None
+    problems = [
+        f"{path}: unknown key {key[:40]!r}; possible is [[joint]], one a joint." for key in content if key != "joint"
+    ]
+    tables = content.get("joint")
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
+        raise PlantError(
+            "\n".join([*problems, f"{path}: found no [[joint]] table; write one a joint, with kp and kv."])
+        )
+    laws = [_law(f"{path}, joint {j}", table, problems) for j, table in enumerate(tables, 1)]
+    if problems:
+        raise PlantError("\n".join(problems))
+    return tuple(law for law in laws if law is not None)
+
+
+def _law(where: str, table: Mapping[str, Any], problems: list[str]) -> Law | None:
+    """One joint's law, or None and why not."""
+    before = len(problems)
+    known = {"kp": (0.0, 1e6), "kv": (0.0, 1e9), "torque_scale": (-1e6, 1e6), "limit": (0.0, 1e9)}
+    for key, value in table.items():
+        if key == "velocity_filter_samples":
+            if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST_SAMPLES:
+                problems.append(
+                    f"{where}, {key}: found {value!r:.60}, possible is a whole number from 1 to {_MOST_SAMPLES}."
+                )
+        elif key == "encoder":
+            if value not in ("joint", "motor"):
+                problems.append(f'{where}, {key}: found {value!r:.60}, possible is "joint" or "motor".')
+        elif key not in known:
+            names = ", ".join((*known, "velocity_filter_samples", "encoder"))
+            problems.append(f"{where}: unknown key {key[:40]!r}; possible are {names}.")
+        elif (
+            isinstance(value, bool) or not isinstance(value, int | float) or not known[key][0] <= value <= known[key][1]
+        ):
+            low, high = known[key]
+            problems.append(f"{where}, {key}: found {value!r:.60}, possible is a number from {low:g} to {high:g}.")
+    problems += [f"{where}: {key} is missing; state it." for key in ("kp", "kv") if key not in table]
+    return Law(**table) if len(problems) == before else None
+
+
+def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.inf) -> Replay:
+    """Replay ``log`` with ``laws`` closing the loop around ``arm``; by default the whole log is one window.
+
+    The result's columns hold the commands too. Raises LogError where the log has no reference, PlantError for laws that do not fit.
+    """
+    check(arm, log)
+    _fits(arm, log, laws)
+    logged, _ = driven_by(arm, log, "command")
+    readings, m = Readings.of(arm, log), mechanical(arm)
+    starts = window_starts(log.time, window)
+    begun = np.stack([readings.state(arm, int(row)) for row in starts])
+    if not readings.say_all(arm) and len(starts) > 1:
+        found = estimate(arm, log, readings, logged, starts[1:], np.zeros((len(log), arm.nx - m)))
+        begun[1:] = np.where(np.isfinite(found).all(1, keepdims=True), found, begun[1:])
+    states, inputs, hidden = np.empty((len(log), arm.nx)), logged.copy(), np.zeros(arm.nx - m)
+    for x, first, end in zip(begun, starts, np.append(starts[1:], len(log)), strict=True):
+        x[m:] = hidden
+        hidden = _window(arm, log, laws, x, range(int(first), int(end)), states, inputs)[m:]
+    lost = np.flatnonzero(~np.isfinite(states).all(1))
+    if len(lost):
+        raise PlantError(
+            f"{log.source}: the closed loop left all bounds by {log.time[lost[0]]:.4g} s; check signs, units and torque_scale of the "
+            "controller."
+        )
+    note = f"The stated law closes the loop in {len(starts)} window(s); logged commands are not used."
+    return _with_commands(compare(arm, log, states, inputs, starts, [note]), arm, log, inputs)
+
+
+def _fits(arm: Arm, log: Log, laws: tuple[Law, ...]) -> None:
+    if len(laws) != arm.n:
+        raise PlantError(f"the controller has {len(laws)} joint(s), the robot {arm.n}: write one [[joint]] for each.")
+    missing = [
+        f"joint_position_reference_{j}" for j in range(1, arm.n + 1) if f"joint_position_reference_{j}" not in log
+    ]
+    if missing:
+        raise LogError(
+            [f"{log.source}: {', '.join(missing)} is not logged, and the loop cannot be closed: log it, or map it."]
+        )
+
+
+class _Joint:
+    """One joint's law at work: its encoder's readings so far (as measured before the window), in rad or m at the joint."""
+
+    def __init__(self, arm: Arm, log: Log, j: int, law: Law) -> None:
+        ratio = arm.parameters[f"ratio_{j}"]
+        self.law, self.time, self.period = law, log.time.tolist(), log.period
+        self.reference = log[f"joint_position_reference_{j}"].tolist()
+        name = f"{law.encoder}_position_{j}"
+        if name not in log:
+            name = f"{'joint' if law.encoder == 'motor' else 'motor'}_position_{j}"
+        self.seen = (log[name] / (ratio if name.startswith("motor") else 1.0)).tolist()
+        self.unit = ratio if law.encoder == "motor" else 1.0
+        self.step = float(arm.robot["joints"][j - 1]["sensor"][f"{law.encoder}_encoder_resolution"])
+
+    def command(self, row: int, angle: float) -> float:
+        """The command of ``row``, where the encoder's side stands at ``angle``."""
+        law = self.law
+        self.seen[row] = (round(angle / self.step) * self.step if self.step else angle) / self.unit
+        back = max(row - law.velocity_filter_samples, 0)
+        missing = back - row + law.velocity_filter_samples  # rows before the log's first, in which it stood still
+        span = self.time[row] - self.time[back] + missing * self.period
+        velocity = (self.seen[row] - self.seen[back]) / span
+        output = law.kv * (law.kp * (self.reference[row] - self.seen[row]) - velocity)
+        return law.torque_scale * min(max(output, -law.limit), law.limit)
+
+
+def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, states: Array, inputs: Array) -> Array:
+    """Fills ``rows`` of ``states`` and of the motors' ``inputs``; the state after the last row."""
+    joints = [_Joint(arm, log, j, law) for j, law in enumerate(laws, 1)]
+    u, h, now, then = inputs[rows[0]].copy(), np.empty(1), x.copy(), np.empty(arm.nx)
+    shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
+    outputs = {name: np.empty(length) for name, length in shapes}
+    look = arm.module.bind("outputs", now, u, arm.c, *outputs.values())
+    move = arm.module.bind("step_exact", now, u, arm.c, h, then)
+    sides = [outputs[f"{law.encoder}_position"] for law in laws]
+    held = np.diff(log.time, append=log.time[-1])
+    parts = np.maximum(1, np.ceil(held / arm.step_size - 1e-9)).astype(int).tolist()
+    each = (held / parts).tolist()
+    for row in rows:
+        states[row] = now
+        u[arm.n :] = inputs[row, arm.n :]
+        look.run()
+        for j, (joint, side) in enumerate(zip(joints, sides, strict=True)):
+            angle = float(side[j])
+            if not math.isfinite(angle):
+                states[row:] = np.nan
+                return now
+            u[j] = inputs[row, j] = joint.command(row, angle)
+        h[0] = each[row]
+        for _ in range(parts[row] if each[row] > 0 else 0):
+            move.run()
+            now[:] = then
+    return now
+
+
+def _with_commands(result: Replay, arm: Arm, log: Log, inputs: Array) -> Replay:
+    """``result`` with the simulated commands beside the logged ones."""
+    columns, errors, noise, relative = (
+        dict(result.columns),
+        dict(result.errors),
+        dict(result.noise),
+        dict(result.relative),
+    )
+    for j in range(1, arm.n + 1):
+        own = arm.input_names[j - 1]
+        name = own.replace("motor_current", "motor_current_command").replace("motor_torque", "motor_torque_command")
+        columns[name] = inputs[:, j - 1].copy()
+        if name in log:
+            errors[name] = float(np.sqrt(np.mean((columns[name] - log[name]) ** 2)))
+            noise[name] = describe(name, log[name]).noise
+            size = float(np.sqrt(np.mean(log[name] ** 2)))
+            if size:
+                relative[name] = errors[name] / size
+    return replace(result, columns=columns, errors=errors, noise=noise, relative=relative)

@@ -1,0 +1,236 @@
+"""The state of the arm at given rows, from what was measured up to each of them and nothing later.
+
+A bank of extended Kalman filters runs over the last rows before each instant, the filters of all instants side by side. In a filter
+the model is driven by the log's inputs, by an extra torque at every motor and every flexible link, and, where a flexible joint has
+two encoders, by an error of the joint's one; these come and go (Ornstein-Uhlenbeck processes). The filters of a bank differ in how
+large they may be, and the one that predicted the rows best is taken: a model that is right is used to the full, one that is wrong, or
+an encoder that is late, hardly bends the state. Extra torque and error end with the filter; a replay knows nothing of them.
+
+Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 10.3 (extended filter), 8.2
+(coloured noise) and 11.6.2 (static multiple-model estimator). Dry friction is the model's own and set-valued in the mean; its slope is
+left out of the covariance, where a joint at rest is as free to move as one in motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from hdagen.log import Log
+from hdagen.plant import Arm, Array
+from hdagen.readings import Readings, complete, full_torque, full_torsion, mechanical
+
+HORIZON = 0.15  # s of rows that the filters see: a few times the memory of the most trusting one
+FEWEST, MOST = 12, 400  # rows of it
+# Standard deviations in each filter: of a motor's extra torque as a share of its input's bound, and of the joint encoder's error as
+# a share of the torsion at the torque of that bound.
+FILTERS = np.array(
+    [(1e-2, 10), (1e-4, 10), (1e-2, 0.1), (1e-4, 0.1), (1e-6, 0), (1e-5, 0), (1e-4, 0), (1e-3, 0), (1e-2, 0), (1e-1, 0)]
+)  # the first is where the first row is linearised: it believes the least
+LINK = 0.1  # a link's extra torque as a share of its motor's, seen at the joint
+MEMORY = 0.1  # s, over which extra torque and error come and go
+BURN_IN = 1 / 3  # share of the horizon in which a filter is not judged: it still forgets how it was begun
+SLOPE = 8  # rows of the straight line that begins a filter
+TOGETHER = 256  # instants filtered at once
+DOUBT = 0.2  # of a side of the gear that no channel shows: share of the torsion at full torque, and a hundred times that a second
+FREE = 6.0  # widths of the smooth sign from standstill, from where dry friction has no slope
+BEYOND = 100.0  # times the bound of a state at which a filter is lost
+
+
+def estimate(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Array, hidden: Array) -> Array:
+    """The state (S, nx) at each of ``rows`` (S, increasing, above 0), with ``inputs`` (T, nu) held from row to row.
+
+    ``hidden`` (T, nx less positions and velocities): the effects' own states; read where a horizon begins, from where the filters
+    carry them on. NaN where no filter stayed within the bounds.
+    """
+    back = int(np.clip(round(HORIZON / log.period), FEWEST, MOST))
+    bank = Bank(arm, readings)
+    out = np.empty((len(rows), arm.nx))
+    for part in _groups(rows, back):
+        at = rows[part]
+        span = min(back, int(at[0]))
+        noise = np.stack([readings.noise_before(int(row)) for row in at])
+        out[part] = bank.run(log.time, inputs, at, span, noise, hidden[at - span])
+    return out
+
+
+def _groups(rows: Array, back: int) -> Iterator[slice]:
+    """Rows that have a whole horizon before them together, the first ones each alone."""
+    whole = int(np.searchsorted(rows, back))
+    yield from (slice(k, k + 1) for k in range(whole))
+    yield from (slice(k, min(k + TOGETHER, len(rows))) for k in range(whole, len(rows), TOGETHER))
+
+
+class Bank:
+    """The filters of one arm. Shapes: W instants, L filters, M channels; D entries of a filter's state: m positions and velocities as
+    in x, then the extra torques of motors and of flexible links (as accelerations), then the errors of joint encoders."""
+
+    def __init__(self, arm: Arm, readings: Readings) -> None:
+        self.arm, self.readings = arm, readings
+        flexible, n = arm.manifest["flexible"], arm.n
+        self.m, self.n = mechanical(arm), n
+        self.sliding = [arm.index(f"{'motor' if j in flexible else 'joint'}_velocity_{j}") for j in range(1, n + 1)]
+        self.links = [(arm.index(f"joint_position_{j}"), arm.index(f"joint_velocity_{j}")) for j in flexible]
+        self.doubly = [j for j in flexible if {("motor_position", j), ("joint_position", j)} <= set(readings.outputs)]
+        self.D = self.m + n + len(flexible) + len(self.doubly)
+        p = arm.parameters
+        width = [
+            p[f"friction_smoothing_{j}"] / (1.0 if j in flexible else abs(p[f"ratio_{j}"])) for j in range(1, n + 1)
+        ]
+        self.free = FREE * np.array(width)
+        full = np.array([slot["bound"] for slot in arm.manifest["input"][:n]])
+        at_joint = full_torque(arm)
+        twist = self.twist = full_torsion(arm)
+        inertia = arm.evaluate("mass_matrix", q=np.zeros(n))["M"].reshape(n, n).diagonal()
+        push = [LINK * at_joint[j - 1] / inertia[j - 1] for j in flexible]
+        trust, agree = FILTERS[:, :1], FILTERS[:, 1:]
+        self.extra = np.hstack([trust * [*full, *push], agree * [twist[j - 1] for j in self.doubly]])  # (L, D − m)
+        self.split = np.flatnonzero(FILTERS[:, 1] > 0)
+        self.doubt = np.zeros(self.D)  # of what no channel says
+        for j in flexible:
+            for side, size in (("motor", abs(p[f"ratio_{j}"])), ("joint", 1.0)):
+                self.doubt[arm.index(f"{side}_position_{j}")] = DOUBT * twist[j - 1] * size
+                self.doubt[arm.index(f"{side}_velocity_{j}")] = 100 * DOUBT * twist[j - 1] * size
+        self.limit = BEYOND * np.array([slot["bound"] for slot in arm.manifest["state"]])
+        self.read = np.zeros((len(readings.names), self.D))
+        self.read[range(len(readings.names)), readings.places] = readings.factors
+        for k, j in enumerate(self.doubly, self.D - len(self.doubly)):
+            self.read[readings.outputs.index(("joint_position", j)), k] = 1.0
+
+    def run(self, time: Array, inputs: Array, rows: Array, span: int, noise: Array, hidden: Array) -> Array:
+        """The states (W, nx) at ``rows`` from the ``span`` rows before each, with ``noise`` (W, M) of the channels."""
+        row = rows - span
+        x, extra, P = self._begin(time, row, rows, noise)
+        x[..., self.m :] = hidden[:, None]
+        begun, score, told = x.copy(), np.zeros(x.shape[:2]), np.zeros(x.shape[:2])
+        with np.errstate(over="ignore", invalid="ignore"):  # a filter that is lost is caught below
+            for k in range(1, span + 1):
+                self._advance(x, extra, P, inputs[row], time[row + 1] - time[row], told.argmax(1))
+                doubt = np.sqrt(np.abs(P[..., range(self.m), range(self.m)]))
+                lost = ~((np.abs(x) < self.limit).all(-1) & (doubt < self.limit[: self.m]).all(-1))
+                score[lost], x[lost], extra[lost], P[lost] = -np.inf, begun[lost], 0.0, 0.0
+                row = row + 1
+                likely = self._correct(x, extra, P, self.readings.measured[row], noise**2)
+                likely[lost | ~np.isfinite(likely)] = -np.inf
+                told += likely
+                if k > BURN_IN * span:
+                    score += likely
+        chosen = x[np.arange(len(rows)), score.argmax(1)]
+        chosen[np.isneginf(score.max(1)) | ~np.isfinite(chosen).all(1)] = np.nan
+        return chosen
+
+    def _begin(self, time: Array, row: Array, last: Array, noise: Array) -> tuple[Array, Array, Array]:
+        """State (W, L, nx), extra (W, L, D − m) and covariance (W, L, D, D) at ``row``; no row after ``last`` is read."""
+        W, L = len(row), len(FILTERS)
+        x, P = self._line(time, row, last, noise, set())
+        x, P = np.repeat(x[:, None], L, 1), np.repeat(P[:, None], L, 1)
+        extra = np.zeros((W, L, self.D - self.m))
+        spread = range(self.m, self.D)
+        P[:, :, spread, spread] = self.extra**2
+        if self.doubly:  # where the encoders may disagree the motor's alone begins
+            places = {self.arm.index(f"joint_{what}_{j}") for j in self.doubly for what in ("position", "velocity")}
+            alone, covariance = self._line(time, row, last, noise, places)
+            x[:, self.split] = alone[:, None]
+            P[:, self.split, : self.m, : self.m] = covariance[:, None, : self.m, : self.m]
+            for k, j in enumerate(self.doubly, self.D - len(self.doubly)):
+                q, channel = self.arm.index(f"joint_position_{j}"), self.readings.outputs.index(("joint_position", j))
+                extra[:, self.split, k - self.m] = (self.readings.measured[row, channel] - alone[:, q])[:, None]
+                P[:, self.split, k, k] = self.doubt[q] ** 2 + noise[:, channel, None] ** 2
+                P[:, self.split, q, k] = P[:, self.split, k, q] = -(self.doubt[q] ** 2)
+        return x, extra, P
+
+    def _line(self, time: Array, row: Array, last: Array, noise: Array, ignored: set[int]) -> tuple[Array, Array]:
+        """State (W, nx) and covariance (W, D, D) at ``row``: positions as measured, velocities of a straight line through the rows
+        that follow; the states ``ignored`` follow from the others."""
+        s = self.readings
+        rows = np.minimum(row[:, None] + np.arange(SLOPE), last[:, None])
+        t = time[rows] - time[row][:, None]
+        weight = t - t.mean(1, keepdims=True)
+        weight = weight / (weight**2).sum(1, keepdims=True)
+        slope = np.einsum("wr,wrm->wm", weight, s.measured[rows]) / s.factors
+        x, P = np.zeros((len(row), self.arm.nx)), np.zeros((len(row), self.D, self.D))
+        P[:, range(self.D), range(self.D)] = self.doubt**2
+        known = set()
+        for k, place in enumerate(s.places):
+            if place in ignored:
+                continue
+            error = noise[:, k] / abs(s.factors[k])
+            x[:, place], P[:, place, place] = s.measured[row, k] / s.factors[k], error**2
+            known.add(place)
+            rate = self.arm.index(self.arm.state_names[place].replace("position", "velocity"))
+            if rate not in s.places:
+                x[:, rate] = slope[:, k]
+                P[:, rate, rate] = error**2 * (weight**2).sum(1) + (0.2 * slope[:, k]) ** 2
+                known.add(rate)
+        return complete(self.arm, x, known), P
+
+    def _advance(self, x: Array, extra: Array, P: Array, u: Array, dt: Array, best: Array) -> None:
+        """All filters from one row to the next, ``dt`` (W) later, in place; linearised where the ``best`` (W) filter is."""
+        arm, (W, L) = self.arm, x.shape[:2]
+        steps = max(1, math.ceil(dt.max() / arm.step_size - 1e-9))
+        h = dt / steps
+        F = np.linalg.matrix_power(self._transition(x[np.arange(W), best], u, h), steps)
+        fade = np.exp(-dt / MEMORY)[:, None, None]
+        F[:, self.m :, self.m :] *= fade
+        held = np.repeat(u[:, None], L, 1)
+        held[..., : self.n] += extra[..., : self.n]
+        held = held.reshape(W * L, arm.nu)
+        now, then = np.ascontiguousarray(x.reshape(W * L, arm.nx)), np.empty((W * L, arm.nx))
+        each = np.ascontiguousarray(np.repeat(h, L)[:, None])
+        for _ in range(steps):
+            arm.module.map("step_exact", W * L, now, held, arm.c, each, then)
+            now, then = then, now
+        x[:] = now.reshape(x.shape)
+        for k, (position, velocity) in enumerate(self.links, self.n):
+            push = extra[..., k] * dt[:, None]
+            x[..., velocity] += push
+            x[..., position] += 0.5 * push * dt[:, None]
+        extra *= fade
+        P[:] = F[:, None] @ P @ F[:, None].swapaxes(-1, -2)
+        spread = range(self.m, self.D)
+        P[:, :, spread, spread] += self.extra**2 * (1 - fade**2)
+
+    def _transition(self, x: Array, u: Array, h: Array) -> Array:
+        """Derivative of a filter's state after ``h`` by that before (W, D, D), to the order of RK4."""
+        arm, m, n = self.arm, self.m, self.n
+        at = x.copy()
+        speed = at[:, self.sliding]
+        at[:, self.sliding] = np.where(np.abs(speed) < self.free, np.copysign(self.free, speed), speed)
+        for j in arm.manifest["flexible"]:  # beyond full torque the law is stiffer than the step may bear
+            motor, joint, ratio = (
+                arm.index(f"motor_position_{j}"),
+                arm.index(f"joint_position_{j}"),
+                arm.parameters[f"ratio_{j}"],
+            )
+            torsion = at[:, motor] / ratio - at[:, joint]
+            at[:, joint] += torsion - np.clip(torsion, -self.twist[j - 1], self.twist[j - 1])
+        found = arm.evaluate("rhs_jacobian", x=at, u=u)
+        G = np.zeros((len(x), self.D, self.D))
+        G[:, :m, :m] = found["by_x"].reshape(-1, arm.nx, arm.nx).swapaxes(1, 2)[:, :m, :m]
+        G[:, :m, m : m + n] = found["by_u"].reshape(-1, arm.nu, arm.nx).swapaxes(1, 2)[:, :m, :n]
+        for k, (_, velocity) in enumerate(self.links, m + n):
+            G[:, velocity, k] = 1.0
+        G *= h[:, None, None]
+        G2 = G @ G
+        return np.eye(self.D) + G + G2 / 2 + G2 @ (G / 6 + G2 / 24)
+
+    def _correct(self, x: Array, extra: Array, P: Array, measured: Array, variance: Array) -> Array:
+        """All filters by what a row (W, M) shows, in place; the log-likelihood (W, L) of having seen it."""
+        W, L = x.shape[:2]
+        seen = self.arm.evaluate("outputs", x=x.reshape(W * L, -1), u=np.zeros(self.arm.nu))
+        expected = np.stack([seen[name][:, j - 1] for name, j in self.readings.outputs], 1).reshape(W, L, -1)
+        error = measured[:, None] - expected - extra @ self.read[:, self.m :].T
+        PH = P @ self.read.T
+        S = self.read @ PH
+        diagonal = range(S.shape[-1])
+        S[..., diagonal, diagonal] += variance[:, None]
+        inverse = np.linalg.inv(S)
+        gain = PH @ inverse
+        change = (gain @ error[..., None])[..., 0]
+        x[..., : self.m] += change[..., : self.m]
+        extra += change[..., self.m :]
+        P -= gain @ PH.swapaxes(-1, -2)
+        P[:] = 0.5 * (P + P.swapaxes(-1, -2))
+        return -0.5 * (np.einsum("wlm,wlmk,wlk->wl", error, inverse, error) + np.linalg.slogdet(S)[1])

@@ -1,0 +1,121 @@
+"""The positions and velocities of a log as readings of an arm's state."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.channels import describe
+from hdagen.log import Log
+from hdagen.plant import Arm, Array
+
+RECENT = 2000  # rows before an instant from which a channel's noise is read where robot.toml states no resolution
+_LEAST = 1e-9  # rad or m, of noise: a channel that has not moved yet shows none
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """The channels, M of them, joint after joint, motor before joint: ``measured`` (T, M); for each its name, the output of the arm
+    that it shows (name, joint), the state that it reads and the factor it reads it with, and the standard deviation of its noise as
+    the robot file's resolution gives it (0: not stated)."""
+
+    names: tuple[str, ...]
+    outputs: tuple[tuple[str, int], ...]
+    places: tuple[int, ...]
+    factors: Array
+    noise: Array
+    measured: Array
+
+    @classmethod
+    def of(cls, arm: Arm, log: Log) -> Readings:
+        """The channels of ``log`` that ``arm`` has; at least one position a joint must be there."""
+        found = []
+        for j in range(1, arm.n + 1):
+            stated = arm.robot["joints"][j - 1]["sensor"]
+            for side in ("motor", "joint"):
+                for quantity in ("position", "velocity"):
+                    name = f"{side}_{quantity}_{j}"
+                    if name not in log:
+                        continue
+                    own = name in arm.state_names  # else it is the motor of a rigid drive
+                    place = arm.index(name if own else f"joint_{quantity}_{j}")
+                    factor = 1.0 if own else arm.parameters[f"ratio_{j}"]
+                    resolution = stated[f"{side}_encoder_resolution"] if quantity == "position" else 0.0
+                    found.append(
+                        (name, (f"{side}_{quantity}", j), place, factor, resolution / math.sqrt(12), log[name])
+                    )
+        names, outputs, places, factors, noise, measured = zip(*found, strict=True)
+        return cls(names, outputs, places, np.array(factors), np.array(noise), np.stack(measured, 1))
+
+    def noise_before(self, row: int) -> Array:
+        """Standard deviation of each channel's noise (M): as stated, else as the rows up to ``row`` show."""
+        recent = self.measured[max(0, row + 1 - RECENT) : row + 1]
+        shown = [describe(name, recent[:, k]).noise if not self.noise[k] else 0.0 for k, name in enumerate(self.names)]
+        return np.maximum(np.maximum(self.noise, shown), _LEAST * np.abs(self.factors))
+
+    def say_all(self, arm: Arm) -> bool:
+        """Whether every position and velocity of the state is read."""
+        return set(self.places) == set(range(mechanical(arm)))
+
+    def state(self, arm: Arm, row: int) -> Array:
+        """The state (nx) that ``row`` shows; velocities that are not logged are 0, as are the effects' own states.
+
+        Where motor and joint encoder differ by more than `full_torsion` the joint's is not believed.
+        """
+        x = np.zeros((1, arm.nx))
+        for k, place in enumerate(self.places):  # where two read one state the joint's encoder counts
+            x[:, place] = self.measured[row, k] / self.factors[k]
+        known, most = set(self.places), full_torsion(arm)
+        for j in arm.manifest["flexible"]:
+            motor, joint = arm.index(f"motor_position_{j}"), arm.index(f"joint_position_{j}")
+            if {motor, joint} <= known and abs(x[0, motor] / arm.parameters[f"ratio_{j}"] - x[0, joint]) > most[j - 1]:
+                known.discard(joint)
+        return complete(arm, x, known)[0]
+
+
+def mechanical(arm: Arm) -> int:
+    """How many states are positions and velocities; the effects' own come after them in x."""
+    return 2 * (arm.n + len(arm.manifest["flexible"]))
+
+
+def full_torsion(arm: Arm) -> Array:
+    """Torsion (n) at the largest input that the model is meant for, rad (or m); 0 in a rigid drive."""
+    return np.abs(arm.evaluate("torsion", joint_torque=full_torque(arm))["torsion"])
+
+
+def full_torque(arm: Arm) -> Array:
+    """Torque at the joint (n) of the largest input that the model is meant for, N m (or N), positive."""
+    bound = np.array([slot["bound"] for slot in arm.manifest["input"][: arm.n]])
+    ratio = np.array([arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1)])
+    return np.abs(bound * ratio * torque_per_input(arm))
+
+
+def torque_per_input(arm: Arm) -> Array:
+    """Torque at the motor (n), N m, of a unit of its input: the torque constant, or 1 where the input is torque."""
+    names = [f"torque_constant_{j}" for j in range(1, arm.n + 1)]
+    return np.array([arm.parameters[name] if name in arm.parameters.described else 1.0 for name in names])
+
+
+def complete(arm: Arm, x: Array, known: set[int]) -> Array:
+    """``x`` (W, nx), with what is not ``known`` on one side of a flexible gear taken from the other side, in place: the torsion is
+    that at rest under gravity."""
+    sides = {j: (arm.index(f"motor_position_{j}"), arm.index(f"joint_position_{j}")) for j in arm.manifest["flexible"]}
+    for j, (motor, joint) in sides.items():
+        if joint not in known:
+            x[:, joint] = x[:, motor] / arm.parameters[f"ratio_{j}"]
+    q = x[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
+    twist = arm.evaluate("torsion", joint_torque=arm.evaluate("gravity_torque", q=q)["g"])["torsion"]
+    for j, (motor, joint) in sides.items():
+        ratio = arm.parameters[f"ratio_{j}"]
+        fast, slow = arm.index(f"motor_velocity_{j}"), arm.index(f"joint_velocity_{j}")
+        if motor not in known:
+            x[:, motor] = (x[:, joint] + twist[:, j - 1]) * ratio
+        elif joint not in known:
+            x[:, joint] -= twist[:, j - 1]
+        if fast not in known:
+            x[:, fast] = x[:, slow] * ratio
+        elif slow not in known:
+            x[:, slow] = x[:, fast] / ratio
+    return x

@@ -1,0 +1,288 @@
+"""Replay: a log simulated again, window after window, from what was commanded and pushed.
+
+Each window starts at the state that the measurements up to its first row give (`hdagen.start`); inside a window nothing measured
+counts. Row k's command is held to row k + 1; friction sticks exactly; the effects' own states go on from window to window.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdagen import verdict
+from hdagen.channels import describe
+from hdagen.kalman import estimate
+from hdagen.log import Log, LogError
+from hdagen.plant import Arm, Array, PlantError
+from hdagen.readings import Readings, mechanical
+
+WINDOW = 0.25  # s
+INPUTS = ("command", "measured")
+_ROUNDING = 1e-9  # of a window: a row that lies a rounding error before a boundary starts the next one
+_FIRST = 0.03  # s of rows that tell whether a log begins in motion
+_MOVING = (
+    4.0  # what a position has moved by then at its first speed, against noise and against what its acceleration adds
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A log as the model would have written it.
+
+    ``columns``: time and, by joint, motor_current (A; motor_torque, N m, where the log has torque), motor_position (rad at the rotor)
+    and joint_position (rad or m), each (T,). ``states`` (T, nx) as the arm names them. ``errors``: root mean square of prediction
+    less measurement for each channel that the log has, in its unit; ``noise``: standard deviation of the channel's noise;
+    ``relative``: error as a share of the measurement's own root mean square. ``starts``: first rows of the windows.
+    ``beyond_law``: rows in which a torsion lay beyond the spring law. ``notes``: what a reader must know, in sentences.
+    """
+
+    columns: dict[str, Array]
+    states: Array
+    errors: dict[str, float]
+    noise: dict[str, float]
+    relative: dict[str, float]
+    starts: Array
+    beyond_law: int
+    notes: tuple[str, ...]
+
+    @property
+    def gap(self) -> float:
+        """Geometric mean over the channels of error in multiples of noise."""
+        multiples = [max(self.errors[name] / self.noise[name], 1e-3) for name in self.errors if self.noise[name]]
+        return math.exp(float(np.mean(np.log(multiples)))) if multiples else math.nan
+
+
+def replay(
+    arm: Arm,
+    log: Log,
+    window: float = WINDOW,
+    input: str = "command",  # noqa: A002 - the contract's word
+    with_: verdict.Verdict | str | Path | Mapping[str, Any] | None = None,
+) -> Replay:
+    """Replay ``log`` on ``arm`` in windows of ``window`` s.
+
+    ``input`` "command" or "measured": which current or torque drives the model. ``with_``: a diagnosis.json, what it holds, or its verdict;
+    the effects and base parameters go into a copy of the arm. Raises LogError where the log does not fit the arm,
+    PlantError for what cannot be done.
+    """
+    notes: list[str] = []
+    if with_ is not None:
+        arm, said = verdict.applied(arm, with_ if isinstance(with_, verdict.Verdict) else verdict.read(with_))
+        notes += said
+    check(arm, log)
+    inputs, said = driven_by(arm, log, input)
+    notes += said
+    starts = window_starts(log.time, window)
+    states, said = _predict(arm, log, inputs, starts)
+    notes += said
+    return compare(arm, log, states, inputs, starts, notes)
+
+
+def check(arm: Arm, log: Log) -> None:
+    """Whether the log has the arm's joints, each with a position. Raises LogError."""
+    problems = []
+    if log.n_joints != arm.n:
+        problems.append(
+            f"{log.source}: the log has {log.n_joints} joint(s), the robot {arm.n}: take the robot's own log, or a columns.toml."
+        )
+    for j in range(1, arm.n + 1) if not problems else ():
+        if f"motor_position_{j}" not in log and f"joint_position_{j}" not in log:
+            problems.append(f"{log.source}: joint {j} has no position; log motor_position_{j} or joint_position_{j}.")
+    if len(log) < 2:
+        problems.append(f"{log.source}: {len(log)} row(s); a replay needs at least two.")
+    if problems:
+        raise LogError(problems)
+
+
+def window_starts(time: Array, window: float) -> Array:
+    """First rows of the windows: the first row at or after each multiple of ``window`` s from the log's first."""
+    if not (window > 0 and (math.isinf(window) or math.isfinite(window))):
+        raise PlantError(
+            f"the window must be longer than 0 s, not {window:g}: 0.25 is usual, inf takes the log as one."
+        )
+    number = np.floor((time - time[0]) / window + _ROUNDING)
+    return np.flatnonzero(np.diff(number, prepend=-1.0))
+
+
+def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
+    """The inputs (T, nu), row k held from time[k] to the next row, and what there is to say about them.
+
+    A measured current in row k is what acted before it: it belongs to row k − 1. Raises LogError, PlantError.
+    """
+    if source not in INPUTS:
+        raise PlantError(f"the input is {' or '.join(INPUTS)}, not {source}.")
+    inputs, notes, problems = np.zeros((len(log), arm.nu)), [], []
+    for j in range(1, arm.n + 1):
+        name, values = _channel(log, j, source)
+        if name is None or values is None:
+            problems.append(f"{log.source}: joint {j} has no current or torque; log motor_current_command_{j}.")
+            continue
+        wanted = "current" if arm.input_names[j - 1].startswith("motor_current") else "torque"
+        if "torque" in name and wanted == "current":
+            values = values / arm.parameters.described[f"torque_constant_{j}"].nominal
+        elif "current" in name and wanted == "torque":
+            problems.append(
+                f"{log.source}: {name} is a current and the robot file has no torque_constant for joint {j}: state it there."
+            )
+            continue
+        if not name.removesuffix(f"_{j}").endswith("_command"):
+            values = np.append(values[1:], values[-1])
+            if source == "command":
+                notes.append(
+                    f"No command is logged for joint {j}: {name} drives the model, taken as what acted before its row."
+                )
+        elif source == "measured":
+            notes.append(f"Joint {j} has no measured current or torque: {name} drives the model.")
+        inputs[:, j - 1] = values
+        notes += _limit(arm, j, name, inputs[:, j - 1])
+    if problems:
+        raise LogError(problems)
+    for name in ("tip_force_x", "tip_force_y"):
+        if name in log:
+            inputs[:, arm.index(name)] = log[name]
+    return inputs, notes
+
+
+def _channel(log: Log, j: int, source: str) -> tuple[str | None, Array | None]:
+    """The logged current or torque of joint j that is wanted, else the other one."""
+    kinds = ("_command", "") if source == "command" else ("", "_command")
+    for kind in kinds:
+        for quantity in ("motor_current", "motor_torque"):
+            if f"{quantity}{kind}_{j}" in log:
+                return f"{quantity}{kind}_{j}", log[f"{quantity}{kind}_{j}"]
+    return None, None
+
+
+def _limit(arm: Arm, j: int, name: str, current: Array) -> list[str]:
+    most = arm.robot["joints"][j - 1]["drive"]["max_current"]
+    over = int(np.count_nonzero(np.abs(current) > most * (1 + 1e-6))) if most else 0
+    if not over or not arm.input_names[j - 1].startswith("motor_current"):
+        return []
+    return [f"{name} exceeds the robot file's max_current of {most:g} A in {over} row(s); the model lets it through."]
+
+
+def _predict(arm: Arm, log: Log, inputs: Array, starts: Array) -> tuple[Array, list[str]]:
+    """The states (T, nx) of all windows, and notes."""
+    readings, m = Readings.of(arm, log), mechanical(arm)
+    logged, remembers = readings.say_all(arm), arm.nx > m
+    states, notes = np.zeros((len(log), arm.nx)), []
+    begun = np.stack([readings.state(arm, int(row)) for row in starts])
+    if logged:
+        notes.append("Windows start at the logged positions and velocities.")
+    else:
+        notes += _moves(log, readings)
+        if not remembers and len(starts) > 1:
+            begun[1:] = estimate(arm, log, readings, inputs, starts[1:], states[:, m:])
+    hidden, lost, stopped = np.zeros(arm.nx - m), 0, 0
+    for k, first in enumerate(starts):
+        end = int(starts[k + 1]) if k + 1 < len(starts) else len(log)
+        x = begun[k]
+        if logged:
+            x[m:] = hidden
+        elif remembers and k:  # the filters begin with the effects' states that the windows before have predicted
+            x = estimate(arm, log, readings, inputs, starts[k : k + 1], states[:, m:])[0]
+        if np.isnan(x).any():
+            x, lost = readings.state(arm, int(first)), lost + 1
+        dt = np.diff(log.time[first : end + 1])
+        path = arm.rollout(x, inputs[first : first + len(dt)], dt, exact=True) if len(dt) else x[None]
+        good = np.isfinite(path).all(1)
+        if not good.all():
+            path[~good], stopped = path[int(np.argmin(good)) - 1], stopped + 1
+        states[first:end], hidden = path[: end - first], path[-1, m:]
+    if lost:
+        notes.append(
+            f"{lost} window(s) start at rest where they were measured: no estimate of the velocity stayed finite."
+        )
+    if stopped:
+        notes.append(
+            f"In {stopped} window(s) the model left all bounds and is held where it did: robot file or input is wrong."
+        )
+    return states, notes
+
+
+def _moves(log: Log, readings: Readings) -> list[str]:
+    """A note where the log begins in motion and no velocity says how fast."""
+    rows = max(8, int(np.searchsorted(log.time, log.time[0] + _FIRST)))
+    if len(log) < rows:
+        return []
+    t = log.time[:rows] - log.time[0]
+    powers = np.vander(t, 3, increasing=True)
+    moving = []
+    for k, name in enumerate(readings.names):
+        values = readings.measured[:rows, k] - readings.measured[0, k]
+        (_, speed, bend), *_ = np.linalg.lstsq(powers, values, rcond=None)
+        if "position" in name and abs(speed) * t[-1] > _MOVING * max(
+            abs(bend) * t[-1] ** 2, readings.noise_before(rows)[k]
+        ):
+            moving.append(f"{name} at {speed:.3g} a second")
+    if not moving:
+        return []
+    return [
+        f"The log begins in motion ({', '.join(moving)}) and no velocity is logged: the first window starts at rest."
+    ]
+
+
+def compare(arm: Arm, log: Log, states: Array, inputs: Array, starts: Array, notes: list[str]) -> Replay:
+    """The replay that ``states`` (T, nx) under ``inputs`` (T, nu) are, against what was measured."""
+    acting = np.concatenate([_before(arm, log, inputs[:1]), inputs[:-1]])  # row k shows what was commanded a row before
+    seen = arm.outputs(states, acting)
+    columns = {"time": log.time}
+    for j in range(1, arm.n + 1):
+        columns |= _input_column(arm, log, j, acting[:, j - 1])
+        columns[f"motor_position_{j}"] = np.ascontiguousarray(seen["motor_position"][:, j - 1])
+        columns[f"joint_position_{j}"] = np.ascontiguousarray(seen["joint_position"][:, j - 1])
+    measured = {name: log[name] for name in columns if name in log.columns}
+    errors = {name: _rms(columns[name] - values) for name, values in measured.items()}
+    size = {name: _rms(values) for name, values in measured.items()}
+    beyond = int(np.count_nonzero(seen["beyond_law"].any(1)))
+    if beyond:
+        notes.append(f"In {beyond} row(s) a torsion lies beyond the spring law, which goes on along its tangent there.")
+    return Replay(
+        columns=columns,
+        states=states,
+        errors=errors,
+        noise={name: _noise(arm, name, values) for name, values in measured.items()},
+        relative={name: errors[name] / size[name] for name in errors if size[name]},
+        starts=starts,
+        beyond_law=beyond,
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _before(arm: Arm, log: Log, first: Array) -> Array:
+    """What acted before the first row (1, nu): what is measured there; the first command where nothing is."""
+    before = first.copy()
+    for j in range(1, arm.n + 1):
+        if arm.input_names[j - 1] in log:
+            before[0, j - 1] = log[arm.input_names[j - 1]][0]
+    return before
+
+
+def _input_column(arm: Arm, log: Log, j: int, values: Array) -> dict[str, Array]:
+    """Current or torque of joint j, whichever the log speaks of."""
+    own = arm.input_names[j - 1]
+    if own.startswith("motor_torque") or f"motor_current_{j}" in log or f"motor_current_command_{j}" in log:
+        return {own: values.copy()}
+    return {f"motor_torque_{j}": values * arm.parameters.described[f"torque_constant_{j}"].nominal}
+
+
+def _noise(arm: Arm, name: str, values: Array) -> float:
+    """Standard deviation of a channel's noise: as the robot file states, else as the channel shows."""
+    quantity, _, j = name.rpartition("_")
+    stated = arm.robot["joints"][int(j) - 1]["sensor"]
+    side = quantity.split("_")[0]
+    known = (
+        stated[f"{side}_encoder_resolution"] / math.sqrt(12)
+        if quantity.endswith("position")
+        else stated["current_noise"]
+    )
+    return float(known or describe(name, values).noise)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,230 @@
+"""`hdagen replay`: a log simulated again from what was commanded and pushed, and how far the model misses it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hdagen.log import Log
+    from hdagen.plant import Arm, Array
+    from hdagen.replay import Replay
+
+EXAMPLE = """example:
+  hdagen replay robot.toml log.parquet --out predicted.parquet
+  hdagen replay emps DATA_EMPS.mat --columns docs/examples/emps/columns.toml --out predicted.csv
+  hdagen replay robot.toml log.parquet --with diagnosis-log/diagnosis.json --out after.parquet
+
+exit codes: 0 done, 2 usage or configuration, 3 data unusable; docs/replay.md says what is simulated and from where"""
+DONE, USAGE, UNUSABLE = 0, 2, 3
+
+
+def add_parser(commands: Any) -> None:
+    """The command's arguments."""
+    p = commands.add_parser(
+        "replay",
+        help="simulate a log again and say how far the model misses it",
+        description="Simulates a log again in short windows from what was commanded and pushed, and compares it with what was measured.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("robot", help="a preset or a robot.toml")
+    p.add_argument("log", type=Path, metavar="LOG", help=".csv, .parquet or .mat")
+    p.add_argument("--columns", type=Path, metavar="columns.toml", help="names, units and signs of a foreign log")
+    p.add_argument(
+        "--with",
+        type=Path,
+        dest="with_",
+        metavar="diagnosis.json",
+        help="add the effects and parameters of its verdict",
+    )
+    p.add_argument(
+        "--window", type=float, metavar="S", help="length of a window (default: 0.25 s; in closed loop the whole log)"
+    )
+    p.add_argument(
+        "--input",
+        choices=("command", "measured"),
+        default="command",
+        help="the current or torque that drives the model",
+    )
+    p.add_argument("--closed-loop", type=Path, metavar="controller.toml", help="let this controller drive the model")
+    p.add_argument(
+        "--bandwidth", type=float, metavar="HZ", help="of the loop, for the force error of rigid robots (default: 20)"
+    )
+    p.add_argument("--profile", choices=("portable", "native"), default="portable")
+    p.add_argument("--json", action="store_true", help="print the figures as JSON")
+    p.add_argument(
+        "--out", type=Path, metavar="predicted.parquet", help="where the prediction is written, .parquet or .csv"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Replay, write, print."""
+    from hdagen import verdict
+    from hdagen.closed_loop import closed_loop, read_controller
+    from hdagen.log import ColumnsError, LogError, read, write
+    from hdagen.plant import PlantError, load
+    from hdagen.replay import WINDOW, replay
+
+    problems = _conflicts(options)
+    if problems:
+        raise PlantError("\n".join(problems))
+    stated = verdict.read(options.with_) if options.with_ else None
+    laws = read_controller(options.closed_loop) if options.closed_loop else None
+    arm = (
+        verdict.with_effects(options.robot, options.profile, stated) if stated else load(options.robot, options.profile)
+    )
+    try:
+        measured = read(options.log, options.columns, arm.n)
+    except ColumnsError as error:
+        print(error, file=sys.stderr)
+        return USAGE
+    notes, refusals = _look(arm, measured)
+    if refusals:
+        print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)
+        return UNUSABLE
+    if laws is not None:
+        if stated is not None:
+            arm, said = verdict.applied(arm, stated)
+            notes += said
+        found = closed_loop(arm, measured, laws, options.window or math.inf)
+    else:
+        found = replay(arm, measured, options.window or WINDOW, options.input, stated)
+    force, said = _force(arm, measured, options)
+    if options.out is not None:
+        try:
+            write(found.columns, options.out)
+        except LogError as error:
+            print(error, file=sys.stderr)
+            return USAGE
+    notes = [*measured.notes, *notes, *found.notes, *said]
+    (_print_json if options.json else _print)(options, arm, measured, found, force, notes)
+    return DONE
+
+
+def _conflicts(options: argparse.Namespace) -> list[str]:
+    """What the options say that cannot be, before anything is built."""
+    problems = []
+    if options.window is not None and not options.window > 0:
+        problems.append(
+            f"--window {options.window:g}: a window is longer than 0 s; 0.25 is usual, inf takes the log as one."
+        )
+    if options.bandwidth is not None and not (options.bandwidth > 0 and math.isfinite(options.bandwidth)):
+        problems.append(f"--bandwidth {options.bandwidth:g}: possible is a frequency above 0 Hz; 20 is usual.")
+    if options.closed_loop is not None and options.input == "measured":
+        problems.append(
+            "--closed-loop and --input measured exclude each other: the controller gives the input; leave one out."
+        )
+    if options.out is not None:
+        if options.out.suffix not in (".parquet", ".csv"):
+            problems.append(
+                f"--out {options.out}: cannot write a file ending in {options.out.suffix!r}; possible: .parquet, .csv."
+            )
+        if not options.out.absolute().parent.is_dir():
+            problems.append(
+                f"--out {options.out}: there is no folder {options.out.absolute().parent}; make it or name another."
+            )
+        if options.out.exists() and options.log.exists() and options.out.samefile(options.log):
+            problems.append(f"--out {options.out}: is the log itself, which would be lost; name another file.")
+    return problems
+
+
+def _look(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
+    """Warnings and refusals of the triage of ``log`` as one of ``arm``."""
+    from hdagen.triage import triage
+
+    joints = arm.robot["joints"]
+    resolutions = {
+        f"{side}_position_{j}": joint["sensor"][f"{side}_encoder_resolution"]
+        for j, joint in enumerate(joints, 1)
+        for side in ("motor", "joint")
+    }
+    seen = triage(
+        log,
+        [joint["drive"]["ratio"]["nominal"] for joint in joints],
+        {name: value for name, value in resolutions.items() if value},
+        [joint["drive"]["max_current"] for joint in joints],
+        [joint["limits"]["position"] for joint in joints],
+        [j for j, joint in enumerate(joints, 1) if joint["kind"] == "prismatic"],
+    )
+    return list(seen.warnings), list(seen.refusals)
+
+
+def _force(arm: Arm, log: Log, options: argparse.Namespace) -> tuple[Array | None, list[str]]:
+    """Force error of the inverse dynamics of a rigid robot, a share a joint; None and why not."""
+    from hdagen.inverse import BANDWIDTH, force_error
+    from hdagen.log import LogError
+    from hdagen.replay import driven_by
+
+    if arm.manifest["flexible"]:
+        return None, []
+    try:
+        return force_error(arm, log, driven_by(arm, log, options.input)[0], options.bandwidth or BANDWIDTH).relative, []
+    except LogError as error:
+        return None, [str(error)]
+
+
+def _print_json(
+    options: argparse.Namespace, arm: Arm, log: Log, found: Replay, force: Array | None, notes: list[str]
+) -> None:
+    figures = {
+        "log": str(options.log),
+        "robot": arm.robot["name"],
+        "rows": len(log),
+        "windows": len(found.starts),
+        "errors": found.errors,
+        "noise": found.noise,
+        "relative": found.relative,
+        "gap": found.gap if math.isfinite(found.gap) else None,
+        "force_error": None if force is None else [float(share) if math.isfinite(share) else None for share in force],
+        "rows_beyond_spring_law": found.beyond_law,
+        "notes": notes,
+        "out": str(options.out) if options.out else None,
+    }
+    print(json.dumps(figures, indent=1))
+
+
+def _print(
+    options: argparse.Namespace, arm: Arm, log: Log, found: Replay, force: Array | None, notes: list[str]
+) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    windows = f"{len(found.starts)} window(s)" if len(found.starts) > 1 else "one window"
+    title = (
+        f"{options.log.name}: {len(log)} rows, {log.time[-1] - log.time[0]:.4g} s in {windows} on {arm.robot['name']}"
+    )
+    table = Table(title=escape(title), title_justify="left")
+    for heading in ("channel", "rms error", "unit", "of its rms", "of its noise"):
+        table.add_column(heading, justify="left" if heading in ("channel", "unit") else "right")
+    for name, error in found.errors.items():
+        share = f"{100 * found.relative[name]:.3g} %" if name in found.relative else ""
+        multiple = f"{error / found.noise[name]:.3g} x" if found.noise[name] else ""
+        table.add_row(name, f"{error:.4g}", _unit(arm, name), share, multiple)
+    console = Console(highlight=False)
+    console.print(table)
+    if math.isfinite(found.gap):
+        console.print(f"gap {found.gap:.4g}: geometric mean over the channels, in multiples of noise", markup=False)
+    if force is not None:
+        said = ", ".join(f"joint {j} {100 * share:.2f} %" for j, share in enumerate(force, 1))
+        console.print(f"force error of the inverse dynamics: {said}", markup=False)
+    for note in notes:
+        console.print(f"note: {note}", markup=False)
+    if options.out is not None:
+        console.print(f"written: {options.out}", markup=False)
+
+
+def _unit(arm: Arm, name: str) -> str:
+    """The unit of a channel."""
+    quantity, _, j = name.rpartition("_")
+    slides = arm.robot["joints"][int(j) - 1]["kind"] == "prismatic"
+    if "current" in quantity:
+        return "A"
+    if "torque" in quantity:
+        return "N" if slides and arm.parameters[f"ratio_{j}"] == 1.0 else "N m"  # at 1 rad/m they are the same number
+    return "m" if slides and quantity == "joint_position" else "rad"
