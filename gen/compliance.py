@@ -12,7 +12,9 @@ The outer laws ask for a joint acceleration. The inner loops give it to a flexib
   loop closed on the estimate from torsion; reflected rotors are compensated by J_m N q̈;
 - position: T = τ/N + J_m (N q̈ + 2 λ (N q̇ − ω) + λ² (θ_d − θ)) − r, θ_d = N (q + φ_d).
 
-A rigid drive has no torsion to read: T = τ/N + J_m N q̈ + viscous and dry friction at the wanted speed.
+A rigid drive has no torsion to read: T = τ/N + J_m N q̈ + viscous and dry friction of the model, at the wanted speed
+in the position loop and at the measured speed in the torque loop, which therefore does not break a standing rigid
+joint loose: there an impedance law keeps a dead band, an admittance law does not.
 Sources: paper (20)–(26) corrected; Khatib, IEEE J. Robot. Autom. 3 (1987) 43 for Λ; Albu-Schäffer, Ott, Hirzinger,
 Int. J. Robot. Res. 26 (2007) 23 for the torque loop; Le Tien et al., IROS 2008 for friction as an observed disturbance.
 """
@@ -329,7 +331,10 @@ def admittance_cartesian(model: Model, c: Any) -> Law:
     moved = [held_force(M[k], B[k], K[k], h, x_e[k], v_e[k], seen.force[k]) for k in range(2)]
     later = [ca.vertcat(*(m[0] for m in moved)), ca.vertcat(*(m[1] for m in moved)), q + h * v]
     T = loop.position_loop(seen, q, v, a, torque)
-    return loop.finish(c, T, [*memory, *later], [SX.zeros(4), loop.measured[n : 2 * n]])
+    began = loop.measured[
+        n : 2 * n
+    ]  # yields as far as the arm is from its reference, so that starting asks for no jump
+    return loop.finish(c, T, [*memory, *later], [model.chain.tip(began, model.chain_parameters()) - x_d, -v_d, began])
 
 
 def admittance_joint(model: Model, c: Any) -> Law:
@@ -351,7 +356,7 @@ def admittance_joint(model: Model, c: Any) -> Law:
     T = loop.position_loop(seen, q, v, a, M_q @ a + bias - J_there.T @ seen.force)
     moved = [held_force(M[k], B[k], K[k], loop.g["period"], q_e[k], v_e[k], outside[k]) for k in range(n)]
     later = [ca.vertcat(*(m[0] for m in moved)), ca.vertcat(*(m[1] for m in moved))]
-    return loop.finish(c, T, [*memory, *later], [SX.zeros(2 * n)])
+    return loop.finish(c, T, [*memory, *later], [seen.q - q_d, -v_d])
 
 
 def _solve(M: Any, b: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from gen.compliance import Law
@@ -46,14 +47,27 @@ def sizes(model: Model, c: int, build: str, lanes: bool) -> str:
         "HDA_MOST_PARTS": MOST_PARTS,
         "HDA_POSITION": names.index("joint_position_1"),
         "HDA_SLIDE": "{" + ", ".join(map(str, slide)) + "}",
-        "HDA_BOUND": "{" + ", ".join(repr(float(slot.bound)) for slot in model.x_slots) + "}",
-        "HDA_NOMINAL": "{" + ", ".join(repr(float(q.nominal)) for q in model.quantities) + "}",
+        "HDA_BOUND": _array(slot.bound for slot in model.x_slots),
+        "HDA_WIDTH": _array(_widths(model)),
+        "HDA_NOMINAL": _array(q.nominal for q in model.quantities),
         "HDA_STEP": repr(model.robot.step),
         "HDA_BUILD": f'"{build}"',
     }
     lines = "".join(f"#define {name} {value}\n" for name, value in defines.items())
     meaning = "Sizes of this model, p's nominal values, the step it is meant for (s), the build it belongs to."
     return guarded("HDA_SIZES_H", meaning, lines)
+
+
+def _array(values: Iterable[float]) -> str:
+    return "{" + ", ".join(repr(float(value)) for value in values) + "}"
+
+
+def _widths(model: Model) -> Iterator[float]:
+    """A size of every entry of x, u and p, for differences where the entry itself is 0; the step is nearly linear in u."""
+    yield from (0.01 * slot.bound for slot in model.x_slots)
+    yield from (slot.bound for slot in model.u_slots)
+    for q in model.quantities:
+        yield 1e-3 * abs(q.nominal) if q.nominal else (q.high - q.low) or 1e-3
 
 
 def header(functions: tuple[Emitted, ...]) -> str:

@@ -63,13 +63,17 @@ def estimates(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_to
         )
         out["series"].append(series)
         for name, wave_generator in (("quasi_static", held), ("dynamic", moving)):
-            out[name].append(p["stiffness_level"] * _flexspline(p, phi, wave_generator))
+            out[name].append(p["stiffness_level"] * _flexspline(p, phi, wave_generator / p["stiffness_level"]))
     return {name: ca.vertcat(*values) for name, values in out.items()}
 
 
 def _flexspline(p: dict[str, Any], phi: Any, wave_generator: Any) -> Any:
-    """(15), (16): torque of the flexspline from the torsion less the wave generator's own, (6) corrected."""
+    """(15), (16): torque of the flexspline from the torsion less the wave generator's own, (6) corrected; from
+    `law_torque` on along the tangent, as the springs themselves."""
     c_w, stiffness = p["wave_generator_stiffening"], p["wave_generator_stiffness"]
     wound = ca.sign(wave_generator) * (1 - ca.exp(-c_w * ca.fabs(wave_generator))) / (c_w * stiffness)
-    c_f = p["flexspline_stiffening"]
-    return ca.tan((phi - wound / p["ratio"]) * c_f * p["flexspline_stiffness"]) / c_f
+    law = drive.springs(p)
+    angle = (phi - wound / p["ratio"]) * law.scale
+    inside = ca.fmin(ca.fabs(angle), law.law_psi)
+    t, last = ca.tan(inside), law.c_f * law.law_torque
+    return ca.sign(angle) * (t + (1 + last * last) * (ca.fabs(angle) - inside)) / law.c_f

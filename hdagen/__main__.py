@@ -15,7 +15,7 @@ def parser() -> argparse.ArgumentParser:
     """The parser with every command's own."""
     top = argparse.ArgumentParser(
         prog="hdagen",
-        description="Robot arms with harmonic drives: simulate, control, and replay measured logs with a compiled model.",
+        description="Robot arms with harmonic drives: a compiled model that simulates, controls and replays logs.",
         epilog="exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration, 3 data unusable",
     )
     commands = top.add_subparsers(dest="command", required=True, metavar=" | ".join(COMMANDS))
@@ -27,8 +27,8 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     options = parser().parse_args(arguments)
-    from hdagen.log import LogError  # noqa: PLC0415 - the parser alone needs no numpy
-    from hdagen.plant import PlantError  # noqa: PLC0415
+    from hdagen.log import LogError
+    from hdagen.plant import PlantError
 
     try:
         return int(importlib.import_module(f"hdagen.{options.command}_command").run(options))

@@ -109,7 +109,7 @@ class Even:
 
     @property
     def period(self) -> float:
-        """s"""
+        """Of the samples, s."""
         return float(self.time[1] - self.time[0])
 
     @property

@@ -1,7 +1,7 @@
 """Controllers: a compiled law inside its guard, tick by tick.
 
-A tick always leaves a whole, legal torque vector; faults come back as a status, never as an exception. Not a safety-rated function: use it
-behind a certified stop (docs/safety.md).
+A tick always leaves a whole, legal torque vector; faults come back as a status, never as an exception. Not a
+safety-rated function: use it behind a certified stop (docs/safety.md).
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class Safe(Enum):
 class Guard:
     """Limits of a controller. None: from the robot file; where that states none, the limit must be given here.
 
-    Torques are at the motors. Jumps are per tick. ``stale_*``: ticks after which an unchanged stamp, or unchanged bits, are a fault.
+    Torques are at the motors. Jumps are per tick. ``stale_*``: ticks after which an unchanged stamp, or unchanged
+    bits, are a fault.
     """
 
     safe: Safe
@@ -66,9 +67,11 @@ class Fault:
 
 
 class Controller:
-    """One law of an arm: ``position``, ``impedance_cartesian``, ``impedance_joint``, ``admittance_cartesian``, ``admittance_joint``.
+    """One law of an arm: ``position``, ``impedance_cartesian``, ``impedance_joint``, ``admittance_cartesian``,
+    ``admittance_joint``.
 
-    ``gains`` by name (defaults in `gain_table`), SI units. Buffers ``measurement`` and ``reference`` may be filled in place for speed.
+    ``gains`` by name (defaults in `gain_table`), SI units. Buffers ``measurement`` and ``reference`` may be filled in
+    place for speed.
     Raises PlantError where the law, a gain or a limit is refused.
     """
 
@@ -88,7 +91,8 @@ class Controller:
         self.reference = self._reference[: len(self.reference_names)]
         self.torque: Array = np.zeros(n)
         self._status: NDArray[np.int32] = np.zeros(1, np.int32)
-        # the measurement: stamp, then n each of motor and joint positions and velocities and motor torque, then the tip force
+        # the measurement: stamp, then n each of motor and joint positions and velocities and motor torque, then the
+        # tip force
         self.motor_position, self.motor_velocity, self.joint_position, self.joint_velocity, self.motor_torque = (
             self.measurement[1 + k * n : 1 + (k + 1) * n] for k in range(5)
         )
@@ -109,7 +113,9 @@ class Controller:
                 problems.append(f"{self.law}: no gain named {name}; there are {', '.join(wanted)}.")
             elif not bounds[name]["low"] <= value <= bounds[name]["high"]:
                 b = bounds[name]
-                problems.append(f"{self.law}: gain {name} is {value} {b['unit']}; possible is {b['low']:g} to {b['high']:g}.")
+                problems.append(
+                    f"{self.law}: gain {name} is {value} {b['unit']}; possible is {b['low']:g} to {b['high']:g}."
+                )
             else:
                 wanted[name] = float(value)
         if problems:
@@ -134,28 +140,37 @@ class Controller:
             rate.append(joint["limits"]["motor_torque_rate"])
             del j
         values = []
-        for name, stated, given in (("torque_limit", torque, guard.torque_limit), ("torque_rate", rate, guard.torque_rate)):
+        for name, stated, given in (
+            ("torque_limit", torque, guard.torque_limit),
+            ("torque_rate", rate, guard.torque_rate),
+        ):
             chosen = list(given) if given is not None else stated
             if len(chosen) != n or any(value is None for value in chosen):
                 where = "max_current and torque_constant" if name == "torque_limit" else "limits.motor_torque_rate"
-                problems.append(f"{name}: the robot file states no {where} for every joint; give {n} values in Guard({name}=...).")
+                problems.append(
+                    f"{name}: the robot file states no {where} for every joint; give {n} values in Guard({name}=...)."
+                )
             values.append(chosen)
         speeds = [joint["limits"]["speed"] for joint in joints]
         ratios = [joint["drive"]["ratio"]["nominal"] for joint in joints]
-        for name, given, scale in (("motor_jump", guard.motor_jump, ratios), ("joint_jump", guard.joint_jump, [1.0] * n)):
+        for given, scale in ((guard.motor_jump, ratios), (guard.joint_jump, [1.0] * n)):
             default = [UNLIMITED if v is None else 2 * v * s * guard.period for v, s in zip(speeds, scale, strict=True)]
             values.append(list(given) if given is not None else default)
         values += [list(guard.safe_damping) or [0.0] * n, list(guard.safe_stiffness) or [0.0] * n]
         if problems or any(len(value) != n for value in values):
             raise PlantError("\n".join(problems) or f"every limit of Guard takes {n} values, one a joint.")
         period = [guard.period, *(share * guard.period for share in guard.period_share)]
-        return np.array([*period, guard.watchdog, guard.force_limit, *np.concatenate(values)], float)
+        joined = [float(number) for value in values for number in value if number is not None]
+        return np.array([*period, guard.watchdog, guard.force_limit, *joined])
 
     # -- ticks ------------------------------------------------------------------------------------------------------
 
-    def tick(self, now: float, reference: ArrayLike | None = None, stamp: float | None = None, **measured: ArrayLike) -> int:
-        """One tick at ``now`` (s, monotonic). ``measured``: motor_position, joint_position, tip_force and the like, written into the
-        measurement; without them it holds what was put there in place. Returns the status; the torque is in ``torque``."""
+    def tick(
+        self, now: float, reference: ArrayLike | None = None, stamp: float | None = None, **measured: ArrayLike
+    ) -> int:
+        """One tick at ``now`` (s, monotonic). ``measured``: motor_position, joint_position, tip_force and the like,
+        written into the measurement; without them it holds what was put there in place. Returns the status; the
+        torque is in ``torque``."""
         for name, value in measured.items():
             getattr(self, name)[:] = value
         if reference is not None:
@@ -191,7 +206,17 @@ class Controller:
         now, raw, sent, measurement, reference = np.split(real, ends)
         code = int(whole[0])
         count = int(whole[3])
-        return Fault(code, self.sentence(code), int(whole[1]), int(whole[2]), float(now[0]), raw, sent, measurement, reference[:count])
+        return Fault(
+            code,
+            self.sentence(code),
+            int(whole[1]),
+            int(whole[2]),
+            float(now[0]),
+            raw,
+            sent,
+            measurement,
+            reference[:count],
+        )
 
     def sentence(self, status: int) -> str:
         """What a status means."""

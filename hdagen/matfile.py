@@ -75,6 +75,7 @@ def _run_child(path: Path, out: Path, reason: Path, seconds: float, memory: int)
         try:
             code = subprocess.run(
                 command,
+                check=False,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=errors,
@@ -109,8 +110,7 @@ def _limit(memory: int, seconds: float) -> None:
         (resource.RLIMIT_CORE, 0),
     ):
         hard = resource.getrlimit(what)[1]
-        limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
-        resource.setrlimit(what, (limit, hard))
+        resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
 def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:

@@ -11,6 +11,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,11 +21,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 SCHEMA = 1
+PROFILES = ("portable", "native")
+LONGEST = 4096  # bytes of a path
 Array = NDArray[np.float64]
 
 
 class PlantError(Exception):
     """A build that cannot be made, loaded or called; one sentence a problem."""
+
+
+class UnknownParameter(PlantError, KeyError):
+    """No parameter has that name: a PlantError to people, a KeyError to what treats the parameters as a mapping."""
+
+    __str__ = Exception.__str__  # a KeyError would quote the sentence
 
 
 @dataclass(frozen=True)
@@ -42,7 +51,8 @@ class Parameter:
 
 
 class Parameters(MutableMapping[str, float]):
-    """The arm's parameters by name; setting one takes effect at the next call. Values outside the bounds are refused."""
+    """The arm's parameters by name; setting one takes effect at the next call. Values outside the bounds are
+    refused."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -60,10 +70,12 @@ class Parameters(MutableMapping[str, float]):
         values = dict(*given, **more)
         problems = []
         for name, value in values.items():
-            described = self.described[list(self.described)[self._found(name)]]
-            if not (np.isfinite(value) and described.low <= value <= described.high):
+            self._found(name)
+            described = self.described[name]
+            if not _is_number(value) or not described.low <= value <= described.high:
                 problems.append(
-                    f"parameter {name}: {value} {described.unit} is not within [{described.low:g}, {described.high:g}]; "
+                    f"parameter {name}: {value} {described.unit} is not within [{described.low:g}, "
+                    f"{described.high:g}]; "
                     "take a value inside, or change the robot file and build again."
                 )
         if problems:
@@ -88,7 +100,7 @@ class Parameters(MutableMapping[str, float]):
 
     def _found(self, name: str) -> int:
         if name not in self._place:
-            raise PlantError(f"no parameter named {name}; there are {', '.join(self.described)}.")
+            raise UnknownParameter(f"no parameter named {name}; there are {', '.join(self.described)}.")
         return self._place[name]
 
 
@@ -105,12 +117,21 @@ class StepJacobians:
 class Arm:
     """A loaded arm. x, u and p are ordered as ``state_names``, ``input_names`` and ``parameters`` say; units are SI.
 
-    ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. An arm belongs to one thread at a time.
+    ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. An arm belongs to one
+    thread at a time.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.manifest, self.module = _open(folder)
+        try:
+            self._read()
+        except (LookupError, TypeError, ValueError) as error:
+            raise PlantError(
+                f"{folder}: the manifest is not what a build writes ({type(error).__name__}: {error}); {_again(folder)}"
+            ) from None
+
+    def _read(self) -> None:
         self.robot: Mapping[str, Any] = self.manifest["robot"]
         self.n = len(self.robot["joints"])
         self.state_names = tuple(s["name"] for s in self.manifest["state"])
@@ -124,7 +145,8 @@ class Arm:
         self.parameters = Parameters(self)
 
     def __repr__(self) -> str:
-        return f"<arm '{self.robot['name']}': {self.n} joints, {self.nx} states, {self.manifest['profile']}, {self.folder.name}>"
+        size = f"{self.n} joints, {self.nx} states"
+        return f"<arm '{self.robot['name']}': {size}, {self.manifest['profile']}, {self.folder.name}>"
 
     def _prepare(self, p: Array) -> None:
         self.module.bind("prepare", p, self.c).run()
@@ -135,12 +157,16 @@ class Arm:
         for names in (self.state_names, self.input_names):
             if name in names:
                 return names.index(name)
-        raise PlantError(f"no state or input named {name}; states: {', '.join(self.state_names)}; inputs: {', '.join(self.input_names)}.")
+        raise PlantError(
+            f"no state or input named {name}; states: {', '.join(self.state_names)}; "
+            f"inputs: {', '.join(self.input_names)}."
+        )
 
     # -- functions --------------------------------------------------------------------------------------------------
 
     def evaluate(self, name: str, **inputs: ArrayLike) -> dict[str, Array]:
-        """An emitted function by name, for one set of inputs (length k each) or for N at once ((N, k) each; single ones serve all).
+        """An emitted function by name, for one set of inputs (length k each) or for N at once ((N, k) each; single
+        ones serve all).
 
         c is the arm's own unless given. Returns every output, (k,) or (N, k). PlantError for wrong names or lengths.
         """
@@ -166,13 +192,15 @@ class Arm:
         return self.evaluate("rhs", x=x, u=u)["rate"]
 
     def outputs(self, x: ArrayLike, u: ArrayLike) -> dict[str, Array]:
-        """What exact sensors read: motor and joint positions and velocities, torsion, joint_torque, tip, tip_velocity, beyond_law."""
+        """What exact sensors read: motor and joint positions and velocities, torsion, joint_torque, tip,
+        tip_velocity, beyond_law."""
         return self.evaluate("outputs", x=x, u=u)
 
     def step(self, x: ArrayLike, u: ArrayLike, h: float | None = None, exact: bool = False) -> Array:
-        """State after h seconds (default: the robot's step) with u held; ``exact``: dry friction set-valued, sticking exactly."""
+        """State after h seconds (default: the robot's step) with u held; ``exact``: dry friction set-valued, sticking
+        exactly."""
         out = np.empty(self.nx)
-        size = np.array([self._length(h)])
+        size = np.array([self._size(h)])
         self.module.bind("step_exact" if exact else "step", self._state(x), self._input(u), self.c, size, out).run()
         return out
 
@@ -180,29 +208,37 @@ class Arm:
         """One smooth step with its derivatives by state, input and parameters."""
         nx, nu, many = self.nx, self.nu, len(self.p)
         out, A, B, P = np.empty(nx), np.empty(nx * nx), np.empty(nx * nu), np.empty(nx * many)
-        size = np.array([self._length(h)])
+        size = np.array([self._size(h)])
         self.module.bind("step_jacobian", self._state(x), self._input(u), self.p, size, out, A, B, P).run()
         return StepJacobians(out, A.reshape(nx, nx).T, B.reshape(nu, nx).T, P.reshape(many, nx).T)
 
     def rollout(
         self, x0: ArrayLike, u: ArrayLike, dt: ArrayLike | None = None, exact: bool = False, most: float | None = None
     ) -> Array:
-        """States over time ((T + 1, nx), the first is x0) with row k of u (T, nu) held for dt[k] seconds (one number: for all rows;
-        default: the robot's step), integrated in steps of at most ``most`` (default: the robot's step)."""
+        """States over time ((T + 1, nx), the first is x0) with row k of u (T, nu) held for dt[k] seconds (one number:
+        for all rows; default: the robot's step), integrated in steps of at most ``most`` (default: the robot's
+        step)."""
         inputs = self._inputs(u)
         times = self._times(dt, inputs.shape[0])
         x = np.empty((inputs.shape[0] + 1, self.nx))
-        self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._length(most), 1, x)
+        self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._size(most), 1, x)
         return x
 
     def rollout_batch(
-        self, x0: ArrayLike, u: ArrayLike, p: ArrayLike | None = None, dt: ArrayLike | None = None, most: float | None = None
+        self,
+        x0: ArrayLike,
+        u: ArrayLike,
+        p: ArrayLike | None = None,
+        dt: ArrayLike | None = None,
+        most: float | None = None,
     ) -> Array:
-        """B rollouts at once, smooth friction: x0 (B, nx), u (B, T, nu) -> (B, T + 1, nx). ``p`` (B, np): parameters of each;
-        default: the arm's for all. Bounds of p are not checked here."""
-        starts, inputs = np.ascontiguousarray(x0, float), np.ascontiguousarray(u, float)
+        """B rollouts at once, smooth friction: x0 (B, nx), u (B, T, nu) -> (B, T + 1, nx). ``p`` (B, np): parameters
+        of each; default: the arm's for all. Bounds of p are not checked here."""
+        starts, inputs = _finite(x0, "x0"), _finite(u, "u")
         if inputs.ndim != 3 or starts.shape != (inputs.shape[0], self.nx) or inputs.shape[2] != self.nu:
-            raise PlantError(f"rollout_batch takes x0 (B, {self.nx}) and u (B, T, {self.nu}), not {starts.shape} and {inputs.shape}.")
+            raise PlantError(
+                f"rollout_batch takes x0 (B, {self.nx}) and u (B, T, {self.nu}), not {starts.shape} and {inputs.shape}."
+            )
         count, rows, _ = inputs.shape
         if not count:
             raise PlantError("rollout_batch takes at least one trajectory.")
@@ -213,13 +249,14 @@ class Arm:
                 raise PlantError(f"rollout_batch takes p ({count}, {len(self.p)}).")
         x = np.empty((count, rows + 1, self.nx))
         kind = 2 if p is None else 3
-        self.module.rollout(kind, starts, inputs, constants, self._times(dt, rows), self._length(most), count, x)
+        self.module.rollout(kind, starts, inputs, constants, self._times(dt, rows), self._size(most), count, x)
         return x
 
     def rest(self, q: ArrayLike, torque: ArrayLike | None = None) -> Array:
-        """State at rest at joint positions q (n) with each spring under ``torque`` (n, N m; default: what gravity asks)."""
-        joint = _rows(q, self.n, "q")
-        load = self.evaluate("gravity_torque", q=joint)["g"] if torque is None else _rows(torque, self.n, "torque")
+        """State at rest at joint positions q (n) with each spring under ``torque`` (n, N m; default: what gravity
+        asks)."""
+        joint = _vector(q, self.n, "q")
+        load = self.evaluate("gravity_torque", q=joint)["g"] if torque is None else _vector(torque, self.n, "torque")
         twist = self.evaluate("torsion", joint_torque=load)["torsion"]
         x = np.zeros(self.nx)
         for j in range(1, self.n + 1):
@@ -231,75 +268,117 @@ class Arm:
     # -- checks -----------------------------------------------------------------------------------------------------
 
     def _state(self, x: ArrayLike) -> Array:
-        return _rows(x, self.nx, "x")
+        return _vector(x, self.nx, f"the state x ({', '.join(self.state_names)})")
 
     def _input(self, u: ArrayLike) -> Array:
-        return _rows(u, self.nu, "u")
+        return _vector(u, self.nu, f"the input u ({', '.join(self.input_names)})")
 
     def _inputs(self, u: ArrayLike) -> Array:
-        inputs = np.ascontiguousarray(u, float)
+        inputs = _finite(u, "u")
         if inputs.ndim != 2 or inputs.shape[1] != self.nu:
             raise PlantError(f"u must be (T, {self.nu}): {', '.join(self.input_names)}; it is {inputs.shape}.")
         return inputs
 
     def _times(self, dt: ArrayLike | None, rows: int) -> Array:
-        times = np.broadcast_to(np.asarray(self.step_size if dt is None else dt, float), (rows,))
-        if not (np.isfinite(times).all() and (times > 0).all()):
-            raise PlantError("dt must be positive and finite, s.")
-        return np.ascontiguousarray(times)
+        times = _finite(self.step_size if dt is None else dt, "dt")
+        if times.shape not in ((), (1,), (rows,)) or not (times > 0).all():
+            raise PlantError(f"dt must be one positive time, s, or {rows} of them, a row of u each.")
+        return np.ascontiguousarray(np.broadcast_to(times, (rows,)))
 
-    def _length(self, h: float | None) -> float:
-        size = self.step_size if h is None else float(h)
-        if not (np.isfinite(size) and size > 0):
+    def _size(self, h: float | None) -> float:
+        size = self.step_size if h is None else h
+        if not _is_number(size) or not size > 0:
             raise PlantError(f"the step must be positive and finite, s, not {size}.")
-        return size
+        return float(size)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and bool(np.isfinite(value))
+
+
+def _finite(value: ArrayLike, what: str) -> Array:
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError) as error:
+        raise PlantError(f"{what} is not an array of real numbers ({error}).") from None
+    if not np.isfinite(array).all():
+        raise PlantError(f"{what} holds NaN or infinity; give finite numbers.")
+    return np.require(array, requirements="C")
 
 
 def _rows(value: ArrayLike, length: int, what: str) -> Array:
-    array = np.ascontiguousarray(value, float)
-    if array.ndim not in (1, 2) or array.shape[-1] != length:
+    array = np.atleast_1d(_finite(value, what))
+    if array.ndim > 2 or array.shape[-1] != length:
         raise PlantError(f"{what} must have {length} entries, not the shape {array.shape}.")
-    if not np.isfinite(array).all():
-        raise PlantError(f"{what} holds NaN or infinity; give finite numbers.")
+    return array
+
+
+def _vector(value: ArrayLike, length: int, what: str) -> Array:
+    array = np.atleast_1d(_finite(value, what))
+    if array.shape != (length,):
+        raise PlantError(f"{what} must have {length} entries, not the shape {array.shape}.")
     return array
 
 
 # -- finding and opening a build --------------------------------------------------------------------------------------
 
 
-def load(robot: str | Path = "paper", profile: str = "portable", effects: tuple[str, ...] = (), out: str | Path | None = None) -> Arm:
+def load(
+    robot: str | Path = "paper", profile: str = "portable", effects: tuple[str, ...] = (), out: str | Path | None = None
+) -> Arm:
     """The arm of a preset, a robot.toml, or a folder that `python -m gen build` made.
 
-    A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the model;
-    ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build). Raises PlantError.
+    A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
+    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build). Raises PlantError.
     """
-    if (Path(robot) / "manifest.json").is_file():
-        return Arm(Path(robot))
+    name = os.fspath(robot)
+    if not name or "\0" in name or len(name) > LONGEST:
+        raise PlantError(f"{name[:40]!r} names no robot; give a preset, a robot.toml, or the folder of a build.")
+    if (Path(name) / "manifest.json").is_file():
+        return Arm(Path(name))
+    if profile not in PROFILES:
+        raise PlantError(f"no profile named {profile}; there are {', '.join(PROFILES)}.")
+    if isinstance(effects, str):
+        raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
     folder = Path(out or os.environ.get("HDAGEN_BUILD") or "build")
-    command = [sys.executable, "-m", "gen", "build", str(robot), "--profile", profile, "--out", str(folder)]
-    command += ["--effects", ",".join(effects)] if effects else []
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert child.stdout is not None and child.stderr is not None
-    said = []
-    for line in child.stderr:
-        said.append(line.rstrip())
-        if line.startswith("building"):
-            print(line.rstrip(), file=sys.stderr, flush=True)
-    printed = child.stdout.read().split("\n")
-    if child.wait():
-        raise PlantError("\n".join(said) or f"the build of {robot} failed without a word.")
-    return Arm(Path(printed[-2]))
+    command = [sys.executable, "-P", "-m", "gen", "build", "--profile", profile, f"--out={folder}"]
+    command += [f"--effects={','.join(effects)}", "--", name]
+    beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
+    # what it prints goes to a file: two pipes of which only one is read can each wait for the other
+    with tempfile.TemporaryFile("w+") as printed:
+        with subprocess.Popen(
+            command, stdout=printed, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": beside}
+        ) as child:
+            assert child.stderr is not None
+            said = []
+            for line in child.stderr:
+                said.append(line.rstrip())
+                if line.startswith("building"):
+                    print(line.rstrip(), file=sys.stderr, flush=True)
+        printed.seek(0)
+        lines = printed.read().splitlines()
+    if child.returncode or not lines:
+        raise PlantError("\n".join(said) or f"the build of {name} failed without a word.")
+    return Arm(Path(lines[-1]))
+
+
+def _again(folder: Path) -> str:
+    return f"remove {folder} and build again with `python -m gen build`."
 
 
 def _open(folder: Path) -> tuple[dict[str, Any], Any]:
-    """The manifest and the module of a build, after every check that keeps a foreign or damaged library out of the process."""
-    again = f"remove {folder} and build again with `python -m gen build`."
+    """The manifest and the module of a build, after every check that keeps a foreign or damaged library out of the
+    process."""
+    again = _again(folder)
     try:
-        manifest = json.loads((folder / "manifest.json").read_text())
-    except (OSError, ValueError) as error:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise PlantError(f"{folder}: manifest.json cannot be read ({error}); {again}") from None
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
         raise PlantError(f"{folder}: the manifest's schema is not {SCHEMA}; {again}")
+    rest = {key: value for key, value in manifest.items() if key != "seal"}
+    if manifest.get("seal") != hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest():
+        raise PlantError(f"{folder}: the manifest is not as it was written; {again}")
     build = folder.resolve().name.rpartition("-")[2]
     files = manifest.get("files")
     name = manifest.get("library")
@@ -311,7 +390,9 @@ def _open(folder: Path) -> tuple[dict[str, Any], Any]:
             raise PlantError(f"{folder}: {file} is missing or not what was built; {again}")
     missing = [flag for flag in manifest.get("cpu", ()) if flag not in _cpu_flags()]
     if missing:
-        raise PlantError(f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}")
+        raise PlantError(
+            f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}"
+        )
     spec = importlib.util.spec_from_file_location("hda", folder / name)
     assert spec is not None and spec.loader is not None
     try:

@@ -10,13 +10,15 @@ from numpy.typing import ArrayLike
 from hdagen.control import Controller
 from hdagen.plant import Arm, Array, PlantError
 
+MOST_ROWS = 10**8
 CLOSE = 1e-10  # m, of the inverse kinematics
 MOST_STEPS = 60
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Position, velocity and acceleration at every tick ((T, k) each): of the tip (k = 2, m) or of the joints (k = n)."""
+    """Position, velocity and acceleration at every tick ((T, k) each): of the tip (k = 2, m) or of the joints (k =
+    n)."""
 
     space: str  # "tip" or "joint"
     period: float
@@ -27,7 +29,7 @@ class Reference:
     @property
     def time(self) -> Array:
         """s."""
-        return np.arange(len(self.position)) * self.period
+        return np.arange(len(self.position), dtype=float) * self.period
 
     def rows(self) -> Array:
         """As a law takes it: position, velocity, acceleration side by side."""
@@ -37,11 +39,16 @@ class Reference:
 def circle(
     radius: float, center: tuple[float, float], turn: float, seconds: float, period: float = 1e-3, start: float = 1.0
 ) -> Reference:
-    """The tip on a circle (m), one ``turn`` in so many seconds, brought to speed within ``start`` seconds without a jump in
-    acceleration."""
-    if not (radius > 0 and turn > 0 and seconds > 0 and period > 0 and start > 0):
-        raise PlantError("a circle needs a positive radius, turn, length, period and start.")
-    t = np.arange(int(round(seconds / period))) * period
+    """The tip on a circle (m), one ``turn`` in so many seconds, brought to speed within ``start`` seconds without a
+    jump in acceleration."""
+    sizes = {"radius": radius, "turn": turn, "seconds": seconds, "period": period, "start": start}
+    if wrong := [f"{name} {value}" for name, value in sizes.items() if not 0 < value < np.inf]:
+        raise PlantError(f"a circle needs positive, finite numbers; found {', '.join(wrong)}.")
+    if np.shape(center) != (2,) or not np.isfinite(center).all():
+        raise PlantError(f"the circle's center is a finite point (x, y), m, not {center}.")
+    if not 0.5 < seconds / period <= MOST_ROWS:
+        raise PlantError(f"{seconds} s in periods of {period} s make no motion of 1 to {MOST_ROWS:g} rows.")
+    t = np.arange(round(seconds / period)) * period
     s = np.clip(t / start, 0, 1)
     w = 2 * np.pi / turn
     rising = t < start
@@ -55,10 +62,13 @@ def circle(
 
 
 def posture(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
-    """Joint positions (n) that bring the tip to ``point`` (m), the solution next to ``near``. PlantError where out of reach."""
+    """Joint positions (n) that bring the tip to ``point`` (m), the solution next to ``near``. PlantError where out of
+    reach."""
     goal, q = np.asarray(point, float), np.array(near, float)
     if goal.shape != (2,) or q.shape != (arm.n,):
         raise PlantError(f"posture takes a point (x, y) and {arm.n} joint positions.")
+    if not (np.isfinite(goal).all() and np.isfinite(q).all()):
+        raise PlantError(f"the point {goal} or the joint positions {q} hold NaN or infinity; give finite numbers.")
     for _ in range(MOST_STEPS):
         gap = goal - arm.evaluate("points", q=q)["points"][-2:]
         if np.hypot(*gap) < CLOSE:
@@ -66,9 +76,10 @@ def posture(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
         J = arm.evaluate("tip_jacobian", q=q, v=np.zeros(arm.n))["J"].reshape(arm.n, 2).T
         step = np.linalg.lstsq(J, gap, rcond=1e-9)[0]
         q = q + step * min(1.0, 0.3 / max(np.abs(step).max(), 1e-300))
+    start = np.round(np.asarray(near), 3).tolist()
     raise PlantError(
-        f"the tip does not reach ({goal[0]:g}, {goal[1]:g}) m from joint positions {np.round(np.asarray(near), 3).tolist()}; choose a point "
-        "within the links' reach, or start nearer."
+        f"the tip does not reach ({goal[0]:g}, {goal[1]:g}) m from joint positions {start}; choose a point within the "
+        "links' reach, or start nearer."
     )
 
 

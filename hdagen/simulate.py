@@ -1,7 +1,9 @@
-"""A controller against the compiled arm, with its sensors: what a log of the machine would hold, and the truth beside it.
+"""A controller against the compiled arm, with its sensors: what a log of the machine would hold, and the truth beside
+it.
 
-The arm has set-valued friction; the controller sees encoders with their resolution, a force sensor with noise, and everything late by
-the delay. Row k of the log holds what was sampled at t_k and the command that was held from t_k to the next row.
+The arm has set-valued friction; the controller sees encoders with their resolution, a force sensor with noise, and
+everything late by the delay. Row k of the log holds what was sampled at t_k and the command that was held from t_k to
+the next row.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hdagen.control import Controller
 from hdagen.log import Log
@@ -46,8 +48,8 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The log, and the truth at the same rows: state (T, nx), tip (T, 2), joint_torque (T, n), torque (T, n, sent to the motors),
-    push (T, 2), and the controller's status of each tick."""
+    """The log, and the truth at the same rows: state (T, nx), tip (T, 2), joint_torque (T, n), torque (T, n, sent to
+    the motors), push (T, 2), and the controller's status of each tick."""
 
     log: Log
     state: Array
@@ -55,7 +57,7 @@ class Simulation:
     joint_torque: Array
     torque: Array
     push: Array
-    status: Array
+    status: NDArray[np.int32]
     beyond_law: int
 
 
@@ -83,26 +85,35 @@ def run(
     start: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Simulation:
-    """Simulate. ``arm`` is the plant and may have other parameters than the controller's arm. ``start``: joint positions near which the
-    motion begins (default: a bent arm); the arm begins at rest there. The same seed gives the same log, to the bit.
+    """Simulate. ``arm`` is the plant and may have other parameters than the controller's arm. ``start``: joint
+    positions near which the motion begins (default: a bent arm); the arm begins at rest there, and the controller anew. The same seed gives
+    the same log, to the bit.
 
     Raises PlantError where the reference is out of reach, or the period is not the controller's.
     """
+    _fitting_sizes(arm, controller, reference)
     if reference.period != controller.guard.period:
-        raise PlantError(f"the reference's period is {reference.period} s and the controller's {controller.guard.period} s; make them equal.")
+        raise PlantError(
+            f"the reference's period is {reference.period} s and the controller's {controller.guard.period} s; "
+            "make them equal."
+        )
     near = np.full(arm.n, 0.6) if start is None else np.asarray(start, float)
     q0 = posture(arm, reference.position[0], near) if reference.space == "tip" else reference.position[0]
     wanted = fitting(controller, reference, q0)
     rows, count = wanted.rows(), len(reference.position)
     push = _forces(pushes, reference.time)
     scheme = _errors(arm, sensors or Sensors())
+    if not isinstance(seed, int) or seed < 0:
+        raise PlantError(f"the seed is a whole number from 0, not {seed}.")
     random = np.random.default_rng(seed)
     noise = random.normal(size=(count, 2)) * scheme.force_noise
     seen, state, torque, status = _loop(arm, controller, rows, push, push + noise, q0, scheme, progress)
     inputs = np.hstack([torque / _constants(arm), push])
     truth = arm.outputs(state, inputs)
     commanded = inputs[:, : arm.n]
-    measured = np.vstack([np.zeros(arm.n), commanded[:-1]]) + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)
+    measured = np.vstack([np.zeros(arm.n), commanded[:-1]]) + random.normal(size=commanded.shape) * np.asarray(
+        scheme.current_noise
+    )
     columns: dict[str, Array] = {}
     for j in range(arm.n):
         kind = arm.input_names[j].rpartition("_")[0]
@@ -137,9 +148,24 @@ def _errors(arm: Arm, sensors: Sensors) -> _Errors:
         if values.shape != (arm.n,) or not (np.isfinite(values).all() and (values >= 0).all()):
             raise PlantError(f"{key} takes {arm.n} values, finite and not negative.")
         chosen.append(values)
-    if sensors.delay < 0 or not sensors.force_noise >= 0:
-        raise PlantError("delay and force_noise must not be negative.")
+    if not isinstance(sensors.delay, int) or sensors.delay < 0:
+        raise PlantError(f"delay is a whole number of ticks from 0, not {sensors.delay}.")
+    if not 0 <= sensors.force_noise < np.inf:
+        raise PlantError(f"force_noise must be finite and not negative, N, not {sensors.force_noise}.")
     return _Errors(np.concatenate(chosen[:2]), chosen[2], sensors.force_noise, int(sensors.delay))
+
+
+def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> None:
+    if arm.n != controller.arm.n:
+        raise PlantError(f"the controller is of an arm with {controller.arm.n} joints and the plant has {arm.n}.")
+    width = 2 if reference.space == "tip" else arm.n
+    parts = (reference.position, reference.velocity, reference.acceleration)
+    rows = len(reference.position)
+    if not rows or any(part.shape != (rows, width) or not np.isfinite(part).all() for part in parts):
+        raise PlantError(
+            f"a {reference.space} motion takes position, velocity and acceleration, finite, ({width} entries a row each) "
+            f"and at least one row, not the shapes {', '.join(str(part.shape) for part in parts)}."
+        )
 
 
 def _constants(arm: Arm) -> Array:
@@ -150,6 +176,8 @@ def _constants(arm: Arm) -> Array:
 def _forces(pushes: Sequence[Push], time: Array) -> Array:
     total = np.zeros((len(time), 2))
     for push in pushes:
+        if not (np.isfinite([push.start, push.end, *push.force]).all() and push.start < push.end):
+            raise PlantError(f"a push lasts from a time to a later one with a finite force, not {push}.")
         total[(time >= push.start) & (time < push.end)] += push.force
     return total
 
@@ -163,7 +191,7 @@ def _loop(
     q0: Array,
     scheme: _Errors,
     progress: Callable[[int, int], None] | None,
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, NDArray[np.int32]]:
     """Tick by tick: what the encoders said (T, 2n), the states, the torques, the statuses."""
     n, count, period = arm.n, len(rows), controller.guard.period
     steps = max(1, int(np.ceil(period / arm.step_size - 1e-9)))
@@ -176,6 +204,7 @@ def _loop(
     seen, state = np.empty((count, 2 * n)), np.empty((count, arm.nx))
     torque, status = np.empty((count, n)), np.empty(count, np.int32)
     step = np.where(scheme.resolution > 0, scheme.resolution, 1.0)
+    controller.restart()
     for k in range(count):
         q = x[joint]
         theta = np.where(np.array(motor) >= 0, x[motor], ratios * q)
@@ -184,9 +213,10 @@ def _loop(
         state[k] = x
         late = max(0, k - scheme.delay)
         controller.motor_position[:], controller.joint_position[:] = seen[late, :n], seen[late, n:]
+        controller.motor_velocity[:] = (seen[late, :n] - seen[max(0, late - 1), :n]) / period
         controller.tip_force[:] = felt[late]
         controller.reference[:] = rows[k]
-        status[k] = controller.tick(k * period, stamp=late * period)
+        status[k] = controller.tick(k * period, stamp=(k - scheme.delay) * period)  # at rest before 0
         torque[k] = controller.torque
         u[:n], u[n:] = torque[k] / constants, push[k]
         for _ in range(steps):
@@ -198,26 +228,17 @@ def _loop(
 
 def ideal(arm: Arm, controller: Controller, push: Array, period: float) -> Array:
     """How far M ẍ + B ẋ + K x = F moves the tip (T, 2, m) under ``push`` (T, 2, N): what a Cartesian law is to do."""
+    from scipy.linalg import expm
+
     names = controller.gains
     if "mass_x" not in names:
         raise PlantError(f"{controller.law} has no Cartesian mass, damping and stiffness.")
     moved = np.zeros_like(push)
     for axis, name in enumerate("xy"):
         M, B, K = (names[f"{what}_{name}"] for what in ("mass", "damping", "stiffness"))
-        E = _transition(np.array([[0, 1, 0], [-K / M, -B / M, 1 / M], [0, 0, 0]]) * period)
+        E = expm(np.array([[0, 1, 0], [-K / M, -B / M, 1 / M], [0, 0, 0]]) * period)
         z = np.zeros(2)
         for k in range(len(push)):
             moved[k, axis] = z[0]
             z = E[:2, :2] @ z + E[:2, 2] * push[k, axis]
     return moved
-
-
-def _transition(A: Array) -> Array:
-    values: Array = np.eye(len(A))
-    term: Array = np.eye(len(A))
-    for k in range(1, 25):
-        term = term @ (A / 64) / k
-        values = values + term
-    for _ in range(6):
-        values = values @ values
-    return values

@@ -191,7 +191,7 @@ def test_joint_torque_is_the_slope_of_the_stored_energy() -> None:
 
 
 def test_what_cannot_be_derived_is_refused_in_one_go() -> None:
-    with pytest.raises(ValueError) as refused:
+    with pytest.raises(ValueError, match="screw") as refused:
         derive((R, "screw"), ("rigid", "soft", "rigid"))
     lines = str(refused.value).splitlines()
     assert len(lines) == 3

@@ -118,7 +118,7 @@ def test_a_log_gives_views_names_and_its_period(tmp_path: Path) -> None:
 def test_pyarrow_is_loaded_only_to_read_or_write() -> None:
     code = "import sys, hdagen.log, hdagen.triage; sys.exit('pyarrow' in sys.modules or 'scipy' in sys.modules)"
     folder = Path(__file__).resolve().parents[1]
-    assert subprocess.run([sys.executable, "-c", code], cwd=folder).returncode == 0
+    assert subprocess.run([sys.executable, "-c", code], cwd=folder, check=False).returncode == 0
 
 
 # Writing: whole or not at all
@@ -156,7 +156,7 @@ def test_a_disk_that_fills_up_in_the_middle_leaves_nothing(tmp_path: Path, suffi
         "except LogError as error:\n    sys.exit(7 if 'nothing was left half-written' in str(error) else 8)\n"
     )
     folder = Path(__file__).resolve().parents[1]
-    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / f"log{suffix}")], cwd=folder)
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / f"log{suffix}")], cwd=folder, check=False)
     assert done.returncode == 7
     assert list(tmp_path.iterdir()) == []
 
@@ -728,7 +728,7 @@ def test_the_examples_of_the_documentation_are_valid() -> None:
         used |= {key for table in tomllib.loads(block).values() if isinstance(table, dict) for key in table}
         columns_toml.check(tomllib.loads(block), Path("columns.toml"))
     table_of_keys = set(re.findall(r"`(\w+)`", " ".join(re.findall(r"^\| (`.*?) \|", text, re.MULTILINE))))
-    assert columns_toml.KEYS <= used | {"period"} and columns_toml.KEYS <= table_of_keys
+    assert used | {"period"} >= columns_toml.KEYS and table_of_keys >= columns_toml.KEYS
 
 
 # Real machines, through the examples of the documentation

@@ -82,7 +82,7 @@ def test_table_1_resonates_at_18_5_hz(table_1: Robot) -> None:
     rotor = drive.ratio.nominal**2 * drive.motor_inertia.nominal
     arm = table_1.joints[0].inertia.nominal
     K = _stiffness_at_rest(table_1)
-    assert K == pytest.approx(7051, abs=0.5)
+    assert pytest.approx(7051, abs=0.5) == K
     assert math.sqrt(K * (1 / arm + 1 / rotor)) / (2 * math.pi) == pytest.approx(18.5, abs=0.05)
     assert math.sqrt(1e4 * (1 / arm + 1 / rotor)) / (2 * math.pi) == pytest.approx(
         22.0, abs=0.05

@@ -166,7 +166,7 @@ def test_peak_torques_of_the_catalogue_bound_law_and_joint(monkeypatch: pytest.M
 def test_lumped_inertia_is_moved_to_the_centre_of_mass_and_keeps_its_deviation() -> None:
     table = changed("joint[1].inertia", ...)
     table["joint"][0] |= {"inertia_about_joint": 0.008, "mass": 1.0, "center_of_mass": 0.1}
-    table["joint"][0]["drive"] = {k: v for k, v in rigid()["drive"].items()} | {"motor_inertia": 1e-4}
+    table["joint"][0]["drive"] = dict(rigid()["drive"]) | {"motor_inertia": 1e-4}
     inertia = built(table).joints[0].inertia
     assert inertia.nominal == pytest.approx(-0.002) and abs(inertia.nominal) * inertia.tolerance == pytest.approx(
         0.05 * 0.008

@@ -16,20 +16,15 @@ static const double low[][HDA_GAINS_MOST] = HDA_GAINS_LOW, high[][HDA_GAINS_MOST
 
 enum { LAWS = sizeof laws / sizeof *laws };
 
-static int finite(double value) {
-    uint64_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    return (bits >> 52 & 0x7ff) != 0x7ff;
-}
-
 int hda_controller_configure(hda_controller *k, int number, const double *p, const double *gains, const hda_guard_config *config) {
     if (!k || !p || !gains || !config) return HDA_CONTROL_CALL;
     if (number < 0 || number >= LAWS) return HDA_CONTROL_LAW;
     for (int i = 0; i < HDA_NP; i++) {
-        if (!finite(p[i])) return HDA_CONTROL_PARAMETER;
+        if (!hda_finite(p[i])) return HDA_CONTROL_PARAMETER;
     }
-    for (int i = 1; i < laws[number].gains; i++) { /* gain 0 is the period, which the guard checks */
-        if (!finite(gains[i]) || gains[i] < low[number][i] || gains[i] > high[number][i]) return HDA_CONTROL_GAIN;
+    for (int i = 0; i < laws[number].gains; i++) { /* gain 0 is the period: the guard's */
+        const double gain = i ? gains[i] : config->period;
+        if (!hda_finite(gain) || gain < low[number][i] || gain > high[number][i]) return HDA_CONTROL_GAIN;
     }
     const int refused = hda_guard_configure(&k->guard, config);
     if (refused) return refused;
@@ -58,12 +53,11 @@ int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m,
             chosen->start(measured, reference, k->c, k->state);
             k->started = 1;
         }
-        chosen->tick(measured, k->sent, reference, k->gains, k->c, k->state, raw, next);
+        chosen->tick(measured, k->guard.sent, reference, k->gains, k->c, k->state, raw, next);
         hda_force_map(m->joint_position, k->c, map);
     }
     const int status = hda_guard_end(&k->guard, raw, map, torque);
     if (opened >= 0 && status >= 0) memcpy(k->state, next, (size_t)chosen->memory * sizeof *next);
-    memcpy(k->sent, torque, sizeof k->sent);
     return status;
 }
 

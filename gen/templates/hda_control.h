@@ -28,7 +28,6 @@ typedef struct hda_controller {
     int32_t started; /* the memory belongs to the present run of ticks */
     double gains[HDA_GAINS_MOST];
     double state[HDA_MEMORY_MOST];
-    double sent[HDA_N];
     double c[HDA_NC];
 } hda_controller;
 
@@ -36,7 +35,7 @@ typedef struct hda_controller {
 extern "C" {
 #endif
 
-/* Sets or replaces law, parameters, gains (the gain `period` is taken from config) and the guard's configuration: all, or none
+/* Sets or replaces law, parameters, gains (the gain `period` is config's, within that gain's bounds) and the guard's configuration: all, or none
  * and a negative status. A change of law restarts the memory, a change of gains keeps it. */
 HDA_API int hda_controller_configure(hda_controller *k, int law, const double *p, const double *gains, const hda_guard_config *config);
 

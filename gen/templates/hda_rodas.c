@@ -12,6 +12,7 @@
 #if HDA_STIFF
 
 static const double bound[HDA_NX] = HDA_BOUND;
+static const double width[HDA_NX + HDA_NU + HDA_NP] = HDA_WIDTH;
 
 /* RODAS: six stages, the last of which is its own error. */
 static const double gamma_ = 0.25;
@@ -162,7 +163,7 @@ void hda_step_jacobian(const double *x, const double *u, const double *p, const 
     const int count = adapt(w, w + HDA_NX, c, *h, lengths, next);
     for (int j = 0; j < HDA_NX + HDA_NU + HDA_NP; j++) {
         const int parameter = j >= HDA_NX + HDA_NU;
-        const double keep = w[j], d = 6e-6 * (fabs(keep) + (j < HDA_NX ? bound[j] * 1e-2 : keep == 0.0 ? 1e-3 : 0.0));
+        const double keep = w[j], d = 6e-6 * (fabs(keep) + width[j]);
         double *column = j < HDA_NX ? by_x + j * HDA_NX : parameter ? by_p + (j - HDA_NX - HDA_NU) * HDA_NX : by_u + (j - HDA_NX) * HDA_NX;
         w[j] = keep + d;
         if (parameter) hda_prepare(w + HDA_NX + HDA_NU, c);

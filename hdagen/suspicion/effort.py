@@ -93,7 +93,7 @@ def signs(log: Log, channels: Mapping[str, Channel], moving: Motion, lags: Mappi
                 f"zero, its friction gives {-100 * power:.0f} % of the largest possible power)"
             )
             repair = f"set sign = -1 under [{name}] in columns.toml, or under both positions of joint {joint}"
-            sure = inertia < _SURE_INERTIA and power < _SURE_POWER or inertia < _INERTIA and power < _POWER
+            sure = (inertia < _SURE_INERTIA and power < _SURE_POWER) or (inertia < _INERTIA and power < _POWER)
             if sure and fit.explained > _EXPLAINED:
                 findings.append(Finding(Severity.REFUSE, "reversed", joint, f"{says}: its sign is reversed; {repair}."))
             elif sure:

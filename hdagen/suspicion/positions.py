@@ -215,7 +215,7 @@ def swapped_encoders(log: Log, channels: Mapping[str, Channel], sound: list[int]
     }
     findings = []
     for i, j in follows:
-        if i < j and max(follows[i, i], follows[j, j]) < 0.98 < 0.999 < min(follows[i, j], follows[j, i]):
+        if i < j and max(follows[i, i], follows[j, j]) < 0.98 and min(follows[i, j], follows[j, i]) > 0.999:
             sentence = (
                 f"motor_position_{i} follows joint_position_{j} (correlation {follows[i, j]:.4f}) and "
                 f"motor_position_{j} joint_position_{i}: swapped on one side; exchange their 'from' in columns.toml."
