@@ -24,9 +24,9 @@ def add_parser(commands: Any) -> None:
     p = commands.add_parser(
         "demo",
         help="build the arm, drive it around a circle, push it, replay a log, and write a page",
-        description="Builds the dual-joint harmonic-drive arm, drives it around a circle under impedance and admittance "
-        "control, pushes it, replays a log, and writes one page that opens offline. Exit code 1 if the tip misses the "
-        "ideal mass-damper-spring motion by more than 10 % of its largest displacement.",
+        description="Builds the dual-joint harmonic-drive arm, drives it around a circle under impedance and "
+        "admittance control, pushes it, replays a log, and writes one page that opens offline. Exit code 1 if the tip "
+        "misses the ideal mass-damper-spring motion by more than 10 % of its largest displacement.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -87,15 +87,15 @@ def _print(console: Console, shown: Demo, out: Path) -> None:
 
     table = Table("", "what", "value", box=None, pad_edge=False)
     for one in shown.followed:
-        value = f"{1e3 * one.gap.max():.2f} mm, {100 * one.share:.1f} % of {1e3 * one.largest_ideal:.1f} mm"
-        table.add_row("ok" if one.holds else "missed", f"{one.law}: largest gap to the ideal motion", value)
+        value = f"{1e3 * one.gap.max():.2f} mm, {100 * one.share:.1f} % of the ideal {1e3 * one.largest_ideal:.1f} mm"
+        table.add_row("ok" if one.holds else "missed", f"{one.law}: largest gap", value)
     for replayed in shown.replays:
         for channel in replayed.channels:
-            what = f"replay of {replayed.name}{'' if replayed.real else ' (simulated)'}, {channel.name}: rms residual"
+            what = f"replay of {replayed.name}{'' if replayed.real else ' (simulated)'}, {channel.name}"
             table.add_row(
                 "",
                 what,
-                f"{1e3 * channel.rms:.3f} m{channel.unit}, {100 * channel.rms / channel.still:.2g} % of the motion",
+                f"{1e3 * channel.rms:.3f} m{channel.unit} rms, {100 * channel.rms / channel.still:.2g} % of the motion",
             )
     console.print(table)
     if all(not replayed.real for replayed in shown.replays):

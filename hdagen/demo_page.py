@@ -18,6 +18,7 @@ NAMES = {"impedance_cartesian": "impedance", "admittance_cartesian": "admittance
 COLORS = {"impedance_cartesian": "blue", "admittance_cartesian": "vermilion"}
 LINK = "circle"  # the figures that share the time of the circle
 AXES = ("x", "y")
+NB = "\N{NO-BREAK SPACE}"
 BANDS = [
     (push.start, push.end, f"{np.hypot(*push.force):g} N in {AXES[int(np.argmax(np.abs(push.force)))]}")
     for push in PUSHES
@@ -34,19 +35,20 @@ def verdict(demo: Demo) -> str:
     """The sentence to take home, with its numbers."""
     drive = demo.arm.robot["joints"][0]["drive"]
     friction = drive["ratio"]["nominal"] * drive["coulomb_friction"]["nominal"]
-    shares = " and ".join(f"{100 * f.share:.1f} % ({NAMES[f.law]})" for f in demo.followed)
-    failed = "" if demo.holds else f", which misses the bar of {100 * BAR:g} %"
+    shares = " and ".join(f"{100 * f.share:.1f}{NB}% ({NAMES[f.law]})" for f in demo.followed)
+    failed = "" if demo.holds else f", which misses the bar of {100 * BAR:g}{NB}%"
     text = (
-        f"Pushed with {np.hypot(*PUSHES[0].force):g} N, the tip moves as the mass, damper and spring that it is told to "
-        f"be, to within {shares} of their largest displacement, {1e3 * demo.followed[0].largest_ideal:.1f} mm, against "
-        f"{friction:.2g} N m of dry friction in each joint{failed}; in windows of {WINDOW:g} s"
+        f"Pushed with {np.hypot(*PUSHES[0].force):g}{NB}N, the tip moves as the mass, damper and spring that it is "
+        f"told to be, to within {shares} of their largest displacement, "
+        f"{1e3 * demo.followed[0].largest_ideal:.1f}{NB}mm, against {friction:.2g}{NB}N{NB}m of dry friction in each "
+        f"joint{failed}; in windows of {WINDOW:g}{NB}s"
     )
     return f"{text} the model replays {' and '.join(_replay_words(one) for one in demo.replays)}."
 
 
 def _replay_words(replayed: Replayed) -> str:
-    errors = " and ".join(f"{1e3 * channel.rms:.2g}" for channel in replayed.channels)
-    return f"a log {_origin(replayed)} to {errors} m{replayed.channels[0].unit} rms"
+    errors = " and ".join(f"{1e3 * channel.rms:#.2g}" for channel in replayed.channels)
+    return f"a log {_origin(replayed)} to {errors}{NB}m{replayed.channels[0].unit}{NB}rms"
 
 
 def _origin(replayed: Replayed) -> str:
@@ -83,11 +85,11 @@ def _motion(demo: Demo) -> page.Section:
     )
     g = first.gains
     text = (
-        "The compiled arm, with dry friction that sticks, encoders that count and sensors with noise, follows a circle of "
-        f"{1e3 * RADIUS:g} mm radius, {TURN:g} s a turn, and is pushed twice. Both controllers are asked to be a mass of "
-        f"{g['mass_x']:g} kg, a damper of {g['damping_x']:g} N s/m and a spring of {g['stiffness_x']:g} N/m about the "
-        "moving point. Impedance control asks the motors for the torque that this takes; admittance control reads the "
-        "force and moves to where the mass would be."
+        "The compiled arm, with dry friction that sticks, encoders that count and sensors with noise, follows a "
+        f"circle of {1e3 * RADIUS:g}{NB}mm radius, {TURN:g}{NB}s a turn, and is pushed twice. Both controllers are "
+        f"asked to be a mass of {g['mass_x']:g}{NB}kg, a damper of {g['damping_x']:g}{NB}N{NB}s/m and a spring of "
+        f"{g['stiffness_x']:g}{NB}N/m about the moving point. Impedance control asks the motors for the torque that "
+        "this takes; admittance control reads the force and moves to where the mass would be."
     )
     return page.Section("The arm on its circle", text, [moving, paths, _table(demo)])
 
@@ -99,12 +101,12 @@ def _path(label: str, points: Array, time: Array, color: str, dash: str, width: 
 def _table(demo: Demo) -> str:
     rows = [_row(NAMES[f.law], f) for f in demo.followed]
     rows.append(_row(f"{NAMES[demo.uncompensated.law]} without observer", demo.uncompensated))
-    columns = ("control", "ideal (mm)", "gap (mm)", "gap (%)", "at (s)", "rms gap (mm)", "limited", "refused")
+    columns = ("control", "gap (mm)", "gap (%)", "at (s)", "rms gap (mm)", "limited", "refused")
     caption = (
-        "The largest ideal displacement, and the largest gap between tip and ideal. The bar for the first two rows, "
-        f"{100 * BAR:g} % of the largest ideal displacement, is {'met' if demo.holds else 'missed'}. The last row "
-        "shows what dry friction does where no observer takes it off. Limited: ticks, of "
-        f"{len(demo.followed[0].gap)}, whose torque the guard held back in size or rate."
+        "The largest gap between tip and ideal, also as a share of the largest ideal displacement, "
+        f"{1e3 * demo.followed[0].largest_ideal:.1f}{NB}mm; the bar for the first two rows, {100 * BAR:g}{NB}%, is "
+        f"{'met' if demo.holds else 'missed'}. The last row shows what dry friction does where no observer takes it "
+        f"off. Limited: ticks, of {len(demo.followed[0].gap)}, whose torque the guard held back in size or rate."
     )
     faults = "".join(f" {NAMES[f.law]}: {f.fault}" for f in demo.followed if f.fault)
     return figure.table("Tip against ideal", columns, rows, digits=3, caption=caption + faults)
@@ -115,7 +117,7 @@ def _row(name: str, f: Followed) -> list[Cell]:
     at = float(f.reference.time[f.gap.argmax()])
     status = f.simulation.status
     limited, refused = int((status > 0).sum()), int((status < 0).sum())
-    return [name, 1e3 * f.largest_ideal, 1e3 * float(f.gap.max()), 100 * f.share, at, 1e3 * rms, limited, refused]
+    return [name, 1e3 * float(f.gap.max()), 100 * f.share, at, 1e3 * rms, limited, refused]
 
 
 def _displacement(demo: Demo) -> page.Section:
@@ -134,8 +136,8 @@ def _displacement(demo: Demo) -> page.Section:
     text = (
         "How far the tip is off the point that moves on the circle, and how far M ẍ + B ẋ + K x = F says it should be. "
         "The gap peaks where the force steps: the motors' torque may only change so fast, and speeds are filtered "
-        "differences of encoder counts. Without the observer that compensates friction (grey) the drives stick, and the "
-        "tip lags behind."
+        "differences of encoder counts. Without the observer that compensates friction (grey) the drives stick, and "
+        "the tip lags behind."
     )
     return page.Section("How it gives way", text, [drawn])
 
@@ -147,7 +149,7 @@ def _forces(demo: Demo) -> page.Section:
         figure.Series(axis, log[f"tip_force_{axis}"], color, "solid", width=1.2)
         for axis, color in zip(AXES, colors, strict=True)
     ]
-    panels = [figure.Panel("force on the tip (N)", felt, height=0.7)]
+    panels = [figure.Panel("force on the tip (N)", felt, height=0.9)]
     for j in range(demo.arm.n):
         series = [
             figure.Series(NAMES[f.law], f.simulation.torque[:, j], COLORS[f.law], draw="step", width=1.2)
@@ -193,7 +195,7 @@ def _torque(demo: Demo) -> page.Section:
             figure.Series("dynamic", dynamic - true, "orange", "solid", width=1.0),
             figure.Series("series", series - true, "green", "solid", width=1.2),
         ]
-        torques.append(figure.Panel("torque (N m)", three, heading=f"joint {j + 1}"))
+        torques.append(figure.Panel("τ (N m)", three, heading=f"joint {j + 1}"))
         errors.append(figure.Panel("error (N m)", two, height=0.7))
     drawn = figure.panels(
         "Joint torque, true and estimated",
@@ -211,15 +213,14 @@ def _torque(demo: Demo) -> page.Section:
     ]
     columns = ("estimate", *(f"joint {j}, rms error (N m)" for j in range(1, demo.arm.n + 1)))
     text = (
-        "No sensor measures the joints' torque; it is read from the torsion, the difference between two encoders, where "
-        "a count of the motor's is about 0.1 N m. The series estimate inverts both springs of the drive at once. The dynamic "
-        "one takes the wave generator's share from the motor's torque, acceleration and friction, and errs where the rotor sticks, "
-        "for there friction is anything up to its level. Neither sees the torque of the drive's damping, which counts "
-        "for a moment where the force steps."
+        "No sensor measures the joints' torque; it is read from the torsion, the difference between two encoders, "
+        f"where a count of the motor's is about 0.1{NB}N{NB}m. The series estimate inverts both springs of the drive "
+        "at once. The dynamic one takes the wave generator's share from the motor's torque, acceleration and "
+        "friction, and errs where the rotor sticks, for there friction is anything up to its level. Neither sees "
+        "the torque of the drive's damping, which counts for a moment where the force steps."
     )
-    return page.Section(
-        "Torque without a torque sensor", text, [drawn, figure.table("Errors", columns, rows, digits=2)]
-    )
+    table = figure.table("Errors", columns, rows, digits=2)
+    return page.Section("Torque without a torque sensor", text, [drawn, table])
 
 
 def _replay(replayed: Replayed) -> page.Section:
@@ -248,8 +249,8 @@ def _replay(replayed: Replayed) -> page.Section:
 def _replay_text(replayed: Replayed) -> str:
     if replayed.real:
         text = (
-            "EMPS is a real machine: a motor, a ball screw and a carriage, whose position is controlled. The robot file "
-            "holds the parameters that its authors published. "
+            "EMPS is a real machine: a motor, a ball screw and a carriage, whose position is controlled. The robot "
+            "file holds the parameters that its authors published. "
         )
     else:
         text = (
@@ -258,8 +259,8 @@ def _replay_text(replayed: Replayed) -> str:
             "dry friction creeps through each reversal where the model's sticks, which makes most of the residual. "
         )
     how = (
-        f"Each window of {WINDOW:g} s starts at the state that the rows before it give, and is simulated from the logged "
-        "commands and forces alone; nothing measured inside it counts."
+        f"Each window of {WINDOW:g}{NB}s starts at the state that the rows before it give, and is simulated from "
+        "the logged commands and forces alone; nothing measured inside it counts."
     )
     return "\n\n".join([text + how, *replayed.notes])
 
