@@ -22,7 +22,9 @@ from gen.robot import load
 Builder = Callable[..., Compiled]
 EVERY = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
 ROBOT = load("paper")
-KEYS = {q.name.removesuffix("_1"): q for q in parameters(ROBOT) if q.joint in (0, 1)}  # what equations read of the robot file
+KEYS = {
+    q.name.removesuffix("_1"): q for q in parameters(ROBOT) if q.joint in (0, 1)
+}  # what equations read of the robot file
 SIGNALS = {
     "motor_position": "rad",
     "motor_velocity": "rad/s",
@@ -73,7 +75,10 @@ def points(effect: Effect, count: int) -> Floats:
     rng = np.random.default_rng(11)
     typical = {"motor_position": 100.0, "motor_velocity": 100.0, "torsion": 1e-3, "torsion_rate": 0.1}
     bounds = {p.name: (p.low, p.high) for p in effect.parameters} | {s.name: (-s.bound, s.bound) for s in effect.states}
-    bounds |= {name: (key.low, key.high) for name, key in KEYS.items()} | {"direction": (-1.0, 1.0), "ratio": (50.0, 150.0)}
+    bounds |= {name: (key.low, key.high) for name, key in KEYS.items()} | {
+        "direction": (-1.0, 1.0),
+        "ratio": (50.0, 150.0),
+    }
     bounds |= {"friction_level": (0.0, 0.1)}
     columns = []
     for name in symbols(effect):
@@ -88,7 +93,9 @@ def points(effect: Effect, count: int) -> Floats:
 @EVERY
 def test_an_effect_names_its_numbers_and_its_source(effect: Effect) -> None:
     assert re.fullmatch(r"[a-z][a-z0-9_]{0,47}", effect.name)
-    assert re.search(r"paper .*\(\d+\)|\((19|20)\d\d\)|Lagrangian", effect.citation), "a citation names an equation or a year"
+    assert re.search(r"paper .*\(\d+\)|\((19|20)\d\d\)|Lagrangian", effect.citation), (
+        "a citation names an equation or a year"
+    )
     assert effect.joints in ("each", "last", "arm")
     for p in effect.parameters:
         assert re.fullmatch(r"[a-z][a-z0-9_]{0,47}", p.name)
@@ -136,7 +143,12 @@ def test_units_balance(effect: Effect) -> None:
     x = points(effect, 200)
     here = np.array(f(x.T)).T
     assert np.abs(here).max() > 0.0
-    for scale in (np.array([2.0, 1, 1, 1]), np.array([1, 3.0, 1, 1]), np.array([1, 1, 5.0, 1]), np.array([1, 1, 1, 7.0])):
+    for scale in (
+        np.array([2.0, 1, 1, 1]),
+        np.array([1, 3.0, 1, 1]),
+        np.array([1, 1, 5.0, 1]),
+        np.array([1, 1, 1, 7.0]),
+    ):
         there = np.array(f((x * [factor(unit, scale) for unit in units_in]).T)).T
         expected = here * [factor(unit, scale) for unit in units_out]
         assert np.allclose(there, expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max())
@@ -175,7 +187,9 @@ def test_derivatives_are_finite_differences(effect: Effect) -> None:
     assert compared > 0.0
 
 
-POWER: Mapping[str, Callable[[Floats, dict[str, Floats]], Floats]] = {  # what each takes; what a memory stores is no loss
+POWER: Mapping[
+    str, Callable[[Floats, dict[str, Floats]], Floats]
+] = {  # what each takes; what a memory stores is no loss
     "coulomb_friction": lambda term, v: term[:, 0] * v["direction"] * v["motor_velocity"],
     "viscous_friction": lambda term, v: -term[:, 0] * v["motor_velocity"],
     "torsional_damping": lambda term, v: term[:, 0] * v["torsion_rate"],
@@ -281,7 +295,9 @@ def test_amplitude_zero_is_the_model_without_the_effect_to_the_bit(everything: R
 
 def test_kinematic_error_does_virtual_work(build: Builder) -> None:
     """What the motor gives to the gear is what the springs store and the joint gets, φ̇ taken from the sensed torsion alone."""
-    arm = build("paper", effects=("kinematic_error", "presliding_friction", "rotor_coupling", "transmission_hysteresis"))
+    arm = build(
+        "paper", effects=("kinematic_error", "presliding_friction", "rotor_coupling", "transmission_hysteresis")
+    )
     names = ("viscous_friction", "coulomb_friction", "torsional_damping")
     c = arm.prepare(
         **{f"{name}_{j}": 0.0 for name in names for j in (1, 2)},
@@ -290,7 +306,9 @@ def test_kinematic_error_does_virtual_work(build: Builder) -> None:
     rng = np.random.default_rng(13)
     x = arm.random(rng, 2000, share=0.3)
     for j in (1, 2):
-        arm.at(x, f"motor_position_{j}")[:] = 100.0 * (arm.at(x, f"joint_position_{j}") + rng.uniform(-1e-3, 1e-3, 2000))
+        arm.at(x, f"motor_position_{j}")[:] = 100.0 * (
+            arm.at(x, f"joint_position_{j}") + rng.uniform(-1e-3, 1e-3, 2000)
+        )
     u = np.zeros((2000, 4))
     rate, h = arm("rhs", x, u, c)[0], 1e-8
     torque = arm("outputs", x, u, c)[4]

@@ -119,7 +119,9 @@ def test_stiffness_at_exactly_zero_torsion(build: Builder) -> None:
     """At φ = 0, where |φ| and the sign of φ have no derivative, the springs' 7051 N m/rad stand all the same."""
     arm = build("paper_table1")
     names = ("coulomb_friction", "torsional_damping")
-    A = arm("rhs_jacobian", np.zeros(8), np.zeros(4), arm.prepare(**{f"{n}_{j}": 0.0 for n in names for j in (1, 2)}))[0]
+    A = arm("rhs_jacobian", np.zeros(8), np.zeros(4), arm.prepare(**{f"{n}_{j}": 0.0 for n in names for j in (1, 2)}))[
+        0
+    ]
     A = A.reshape(8, 8).T
     K = 1 / (1 / 9743.94 + 1 / (1e4 * 2.5517))
     assert pytest.approx(7051.0, abs=1.0) == K

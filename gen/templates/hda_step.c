@@ -35,7 +35,9 @@ static void rk4(const double *x, const double *u, const double *s, const double 
 
 /* ---- the smooth step and its derivatives; with stiff memories they stand in hda_rodas.c ---- */
 
+#if !HDA_LANES /* else hda_native.c has it */
 void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) { rk4(x, u, NULL, c, *h, out); }
+#endif
 
 /* D = ∂k/∂w by the chain through the stages: D = A (∂x/∂w + reach D before) + B, for each block of columns w. */
 static void chain(const double *A, const double *B, const double *before, double reach, int identity, int columns, double *D) {
@@ -79,31 +81,59 @@ void hda_step_jacobian(const double *x, const double *u, const double *p, const 
 
 /* ---- set-valued friction ---- */
 
-enum { HELD = 2, MOST_EVENTS = 4 * HDA_N, MOST_TRIALS = 12 };
+/* What was decided for a joint within the step: 1 or -1 the direction in which it gave way, HELD until the end, OPEN. */
+enum { OPEN = 0, HELD = 2, MOST_ROUNDS = 4 * HDA_N, MOST_EVENTS = 4 * HDA_N, MOST_TRIALS = 12 };
 
-/* The direction of each joint: that of its speed; at rest what was decided within the step (the direction in which it gave way,
- * HELD until the end, 0 open). An open one stays while dry friction can hold it, else it gives way, the most overloaded first,
- * because a joint that moves off changes what its neighbours carry. */
+/* The open joint at rest that is pushed furthest over what dry friction can hold, -1 if none; `push` is its direction then.
+ * One whose load is not a number gives way too, so that it shows. */
+static int overloaded(const double *x, const double *u, const double *c, const int *decided, const double *s, double *push) {
+    double hold[HDA_N], level[HDA_N], most = 0.0;
+    int which = -1;
+    hda_holding(x, u, s, c, hold, level);
+    for (int j = 0; j < HDA_N; j++) {
+        const double over = fabs(hold[j]) - level[j];
+        if (s[j] == 0.0 && decided[j] == OPEN && !(over <= most)) {
+            most = over;
+            which = j;
+            *push = hold[j] > 0.0 ? 1.0 : -1.0;
+        }
+    }
+    return which;
+}
+
+/* The open joint at rest that was let go in direction s and is pulled back, -1 if none. */
+static int pulled_back(const double *x, const double *u, const double *c, const int *decided, const double *s) {
+    double rate[HDA_NX];
+    int let_go = 0;
+    for (int j = 0; j < HDA_N; j++) let_go |= x[slide[j]] == 0.0 && s[j] != 0.0;
+    if (!let_go) return -1;
+    hda_rhs_exact(x, u, s, c, rate);
+    for (int j = 0; j < HDA_N; j++) {
+        if (x[slide[j]] == 0.0 && decided[j] == OPEN && rate[slide[j]] * s[j] < 0.0) return j;
+    }
+    return -1;
+}
+
+/* The direction of each joint: that of its speed; at rest what was decided within the step. An open one stays while dry
+ * friction can hold it, else it gives way, one joint after the other, because each changes what its neighbours carry;
+ * one that they pull back stays after all. */
 static void choose(const double *x, const double *u, const double *c, const int *decided, double *s) {
     int open = 0;
     for (int j = 0; j < HDA_N; j++) {
         const double speed = x[slide[j]];
         s[j] = speed > 0.0 ? 1.0 : speed < 0.0 ? -1.0 : decided[j] == HELD ? 0.0 : decided[j];
-        open |= s[j] == 0.0 && decided[j] != HELD;
+        open |= s[j] == 0.0 && decided[j] == OPEN;
     }
-    for (int round = 0; open && round < HDA_N; round++) {
-        double hold[HDA_N], level[HDA_N], most = 0.0;
-        int which = -1;
-        hda_holding(x, u, s, c, hold, level);
-        for (int j = 0; j < HDA_N; j++) {
-            const double over = fabs(hold[j]) - level[j];
-            if (s[j] == 0.0 && decided[j] != HELD && over > most) {
-                most = over;
-                which = j;
-            }
+    for (int round = 0; open && round < MOST_ROUNDS; round++) {
+        double push;
+        int which = overloaded(x, u, c, decided, s, &push);
+        if (which >= 0) {
+            s[which] = push;
+            continue;
         }
+        which = pulled_back(x, u, c, decided, s);
         if (which < 0) return;
-        s[which] = hold[which] > 0.0 ? 1.0 : -1.0;
+        s[which] = 0.0;
     }
 }
 
@@ -163,7 +193,7 @@ static double locate(const double *x, const double *u, const double *c, const do
 
 static void exact(const double *x, const double *u, const double *c, double h, double *out) {
     double at[HDA_NX], next[HDA_NX], s[HDA_N], before[HDA_N], after[HDA_N], left = h;
-    int decided[HDA_N] = {0}, push[HDA_N], which = 0;
+    int decided[HDA_N] = {OPEN}, push[HDA_N], which = 0;
     memcpy(at, x, sizeof at);
     for (int event = 0; event < MOST_EVENTS; event++) {
         double share = 1.0;
@@ -183,7 +213,7 @@ static void exact(const double *x, const double *u, const double *c, double h, d
             if (s[j] == 0.0) {
                 if (j == which) decided[j] = push[j];
             } else if (j == which || after[j] < 0.0) {
-                decided[j] = 0;
+                decided[j] = OPEN;
                 next[slide[j]] = 0.0;
             }
         }
@@ -191,7 +221,7 @@ static void exact(const double *x, const double *u, const double *c, double h, d
         left *= 1.0 - share;
     }
     if (which >= 0) { /* too many changes in one step: whoever rests now rests until its end */
-        for (int j = 0; j < HDA_N; j++) decided[j] = at[slide[j]] == 0.0 ? HELD : 0;
+        for (int j = 0; j < HDA_N; j++) decided[j] = at[slide[j]] == 0.0 ? HELD : OPEN;
         choose(at, u, c, decided, s);
         rk4(at, u, s, c, left, next);
     }
@@ -220,19 +250,17 @@ static void roll(const double *x0, const double *u, const double *c, const doubl
     memmove(x, x0, HDA_NX * sizeof *x);
     for (long k = 0; k < rows; k++) {
         const double *from = x + k * HDA_NX;
-        double at[HDA_NX];
+        double *to = x + (k + 1) * HDA_NX;
         const double want = dt[k] / most;
         const long steps = want > 1.0 && want < 1e6 ? (long)ceil(want - 1e-9) : 1;
         const double h = dt[k] / (double)steps;
-        memcpy(at, from, sizeof at);
-        for (long step = 0; step < steps; step++) {
+        for (long step = 0; step < steps; step++, from = to) {
             if (set_valued) {
-                hda_step_exact(at, u + k * HDA_NU, c, &h, at);
+                hda_step_exact(from, u + k * HDA_NU, c, &h, to);
             } else {
-                hda_step(at, u + k * HDA_NU, c, &h, at);
+                hda_step(from, u + k * HDA_NU, c, &h, to);
             }
         }
-        memcpy(x + (k + 1) * HDA_NX, at, sizeof at);
     }
 }
 
