@@ -48,6 +48,7 @@ def sizes(model: Model, c: int, build: str, lanes: bool) -> str:
         "HDA_POSITION": names.index("joint_position_1"),
         "HDA_SLIDE": "{" + ", ".join(map(str, slide)) + "}",
         "HDA_BOUND": _array(slot.bound for slot in model.x_slots),
+        "HDA_INPUT_BOUND": _array(slot.bound for slot in model.u_slots),
         "HDA_WIDTH": _array(_widths(model)),
         "HDA_NOMINAL": _array(q.nominal for q in model.quantities),
         "HDA_STEP": repr(model.robot.step),

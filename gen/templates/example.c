@@ -1,14 +1,14 @@
-/* Steps the arm from rest with a constant input at every joint and prints where the tip goes. */
+/* Steps the arm from rest with a fifth of the largest input at every joint and prints where the tip goes. */
 #include "hda.h"
 
 #include <stdio.h>
 
 int main(void) {
-    static const double p[HDA_NP] = HDA_NOMINAL;
+    static const double p[HDA_NP] = HDA_NOMINAL, most[HDA_NU] = HDA_INPUT_BOUND;
     double c[HDA_NC], x[HDA_NX] = {0}, u[HDA_NU] = {0}, points[2 * (HDA_N + 1)];
     const double h = HDA_STEP;
     hda_prepare(p, c);
-    for (int j = 0; j < HDA_N; j++) u[j] = j % 2 ? -1.0 : 1.0;
+    for (int j = 0; j < HDA_N; j++) u[j] = (j % 2 ? -0.2 : 0.2) * most[j];
     for (int k = 0; k <= 1000; k++) {
         if (k % 200 == 0) {
             hda_points(x + HDA_POSITION, c, points);
