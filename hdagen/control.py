@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hdagen.plant import Arm, Array, PlantError
+from hdagen.plant import Arm, Array, PlantError, is_number
 
 UNLIMITED = 1e100
 NEVER = 2**31 - 1
+CHANNELS = ("motor_position", "motor_velocity", "joint_position", "joint_velocity", "motor_torque", "tip_force")
 
 
 class Safe(Enum):
@@ -32,8 +33,10 @@ class Safe(Enum):
 class Guard:
     """Limits of a controller. None: from the robot file; where that states none, the limit must be given here.
 
-    Torques are at the motors. Jumps are per tick. ``stale_*``: ticks after which an unchanged stamp, or unchanged
-    bits, are a fault.
+    Torques are at the motors, jumps per tick. ``stale_*``: ticks after which an unchanged stamp, or unchanged bits, are
+    a fault. ``torque_limit`` from the robot file is what the motor can give, not what the flexspline bears: on an
+    output that is blocked the joint takes ratio times as much. Where that counts, give limits.torque / ratio; quick
+    pushes then come out slower, as the rotors' own inertia takes part of it.
     """
 
     safe: Safe
@@ -43,7 +46,7 @@ class Guard:
     torque_limit: tuple[float, ...] | None = None  # N m
     torque_rate: tuple[float, ...] | None = None  # N m/s
     force_limit: float = UNLIMITED  # N, static, at the tip
-    motor_jump: tuple[float, ...] | None = None  # rad; None: twice the joint's speed limit allows
+    motor_jump: tuple[float, ...] | None = None  # rad; None: 2 x speed limit x period + an encoder's step
     joint_jump: tuple[float, ...] | None = None  # rad
     stale_stamp_ticks: int = 5
     stale_bits_ticks: int = NEVER
@@ -93,10 +96,11 @@ class Controller:
         self._status: NDArray[np.int32] = np.zeros(1, np.int32)
         # the measurement: stamp, then n each of motor and joint positions and velocities and motor torque, then the
         # tip force
-        self.motor_position, self.motor_velocity, self.joint_position, self.joint_velocity, self.motor_torque = (
-            self.measurement[1 + k * n : 1 + (k + 1) * n] for k in range(5)
-        )
-        self.tip_force = self.measurement[1 + 5 * n : 3 + 5 * n]
+        ends = np.cumsum([1, n, n, n, n, n])
+        parts = np.split(self.measurement, ends)[1:]
+        self._channels: dict[str, Array] = dict(zip(CHANNELS, parts, strict=True))
+        self.motor_position, self.motor_velocity, self.joint_position, self.joint_velocity = parts[:4]
+        self.motor_torque, self.tip_force = parts[4:]
         buffers = (self._context, self._now, self.measurement)
         self._tick = module.bind("controller_tick", *buffers, self._reference, self.torque, self._status)
         self._recover = module.bind("controller_recover", *buffers, self._status)
@@ -104,64 +108,87 @@ class Controller:
         self.configure(guard, gains or {})
 
     def configure(self, guard: Guard, gains: Mapping[str, float]) -> None:
-        """Replace guard and gains, with the arm's present parameters: all of it, or PlantError and nothing changes."""
-        wanted = dict(self.gains)
-        problems = []
+        """Replace guard and gains, with the arm's present parameters: all of it, or PlantError and nothing changes.
+
+        The gain ``period`` is the guard's. While a fault is latched the guard refuses to be replaced.
+        """
+        wanted, problems = dict(self.gains), []
         bounds = {g["name"]: g for g in self.described["gains"]}
-        for name, value in gains.items():
+        for name, value in {**gains, "period": guard.period}.items():
             if name not in wanted:
                 problems.append(f"{self.law}: no gain named {name}; there are {', '.join(wanted)}.")
-            elif not bounds[name]["low"] <= value <= bounds[name]["high"]:
+            elif name == "period" and gains.get("period", guard.period) != guard.period:
+                problems.append(
+                    f"{self.law}: the period is the guard's, {guard.period} s; give it in Guard(period=...)."
+                )
+            elif not is_number(value) or not bounds[name]["low"] <= value <= bounds[name]["high"]:
                 b = bounds[name]
                 problems.append(
                     f"{self.law}: gain {name} is {value} {b['unit']}; possible is {b['low']:g} to {b['high']:g}."
                 )
             else:
                 wanted[name] = float(value)
+        limits = self._limits(guard, problems)
         if problems:
             raise PlantError("\n".join(problems))
-        wanted["period"] = guard.period
         numbers = np.zeros(self.arm.module.length("controller_configure", "gains"))
         numbers[: len(wanted)] = list(wanted.values())
         whole = np.array([guard.safe.value, guard.stale_stamp_ticks, guard.stale_bits_ticks], np.int32)
         law = np.array([self._number], np.int32)
-        call = (self._context, law, self.arm.p, numbers, whole, self._limits(guard), self._status)
-        self.arm.module.bind("controller_configure", *call).run()
+        call = (self._context, law, self.arm.p.copy(), numbers, whole, limits, self._status)
+        configure = self.arm.module.bind("controller_configure", *call)
+        configure.run()
         if self._status[0]:
             raise PlantError(f"{self.law}: {self.sentence(int(self._status[0]))}")
-        self.gains, self.guard = wanted, guard
+        self._configure, self.gains, self.guard = configure, wanted, guard
 
-    def _limits(self, guard: Guard) -> Array:
+    def restart(self) -> None:
+        """Begin as if just made: no torque sent, no time known, no fault; law, parameters, gains and guard stay. For
+        the next run of a simulation or a machine at standstill; after a fault `recover` goes on without a jump."""
+        self._context[:] = 0
+        self._configure.run()
+
+    def _limits(self, guard: Guard, problems: list[str]) -> Array:
+        """The guard's numbers in the order of hda_bridge.h; what is wrong with them is added to ``problems``."""
+        if not isinstance(guard.safe, Safe):
+            problems.append(f"safe is one of {', '.join(map(str, Safe))}, not {guard.safe}.")
+        for name in ("stale_stamp_ticks", "stale_bits_ticks"):
+            if not isinstance(getattr(guard, name), int) or not 1 <= getattr(guard, name) <= NEVER:
+                problems.append(f"{name} is a whole number from 1 to {NEVER}, not {getattr(guard, name)}.")
+        if np.shape(guard.period_share) != (2,):
+            problems.append(f"period_share is two numbers, shortest and longest, not {guard.period_share}.")
         joints, n = self.arm.robot["joints"], self.arm.n
-        torque, rate, problems = [], [], []
-        for j, joint in enumerate(joints, 1):
-            constant, current = joint["drive"]["torque_constant"], joint["drive"]["max_current"]
-            torque.append(constant["nominal"] * current if constant and current else None)
-            rate.append(joint["limits"]["motor_torque_rate"])
-            del j
+        drives, limits, sensors = ([joint[part] for joint in joints] for part in ("drive", "limits", "sensor"))
+        sources = {"torque_limit": "max_current and torque_constant", "torque_rate": "limits.motor_torque_rate"}
+        stated = {
+            "torque_limit": [_product(d["torque_constant"], d["max_current"]) for d in drives],
+            "torque_rate": [limit["motor_torque_rate"] for limit in limits],
+            "motor_jump": [
+                _jump(limit["speed"], guard.period, drive["ratio"]["nominal"], sensor["motor_encoder_resolution"])
+                for limit, drive, sensor in zip(limits, drives, sensors, strict=True)
+            ],
+            "joint_jump": [
+                _jump(limit["speed"], guard.period, 1.0, sensor["joint_encoder_resolution"])
+                for limit, sensor in zip(limits, sensors, strict=True)
+            ],
+        }
         values = []
-        for name, stated, given in (
-            ("torque_limit", torque, guard.torque_limit),
-            ("torque_rate", rate, guard.torque_rate),
-        ):
-            chosen = list(given) if given is not None else stated
-            if len(chosen) != n or any(value is None for value in chosen):
-                where = "max_current and torque_constant" if name == "torque_limit" else "limits.motor_torque_rate"
+        for name in (*stated, "safe_damping", "safe_stiffness"):
+            given = getattr(guard, name)
+            chosen = stated[name] if given is None else list(np.atleast_1d(given)) or [0.0] * n
+            if len(chosen) == n and all(is_number(value) for value in chosen):
+                values += chosen
+            elif given is None:
                 problems.append(
-                    f"{name}: the robot file states no {where} for every joint; give {n} values in Guard({name}=...)."
+                    f"{name}: the robot file states no {sources[name]} for every joint; "
+                    f"give {n} values in Guard({name}=...)."
                 )
-            values.append(chosen)
-        speeds = [joint["limits"]["speed"] for joint in joints]
-        ratios = [joint["drive"]["ratio"]["nominal"] for joint in joints]
-        for given, scale in ((guard.motor_jump, ratios), (guard.joint_jump, [1.0] * n)):
-            default = [UNLIMITED if v is None else 2 * v * s * guard.period for v, s in zip(speeds, scale, strict=True)]
-            values.append(list(given) if given is not None else default)
-        values += [list(guard.safe_damping) or [0.0] * n, list(guard.safe_stiffness) or [0.0] * n]
-        if problems or any(len(value) != n for value in values):
-            raise PlantError("\n".join(problems) or f"every limit of Guard takes {n} values, one a joint.")
+            else:
+                problems.append(f"{name} takes {n} numbers, one a joint, not {given}.")
+        if problems:
+            return np.empty(0)
         period = [guard.period, *(share * guard.period for share in guard.period_share)]
-        joined = [float(number) for value in values for number in value if number is not None]
-        return np.array([*period, guard.watchdog, guard.force_limit, *joined])
+        return np.array([*period, guard.watchdog, guard.force_limit, *values], float)
 
     # -- ticks ------------------------------------------------------------------------------------------------------
 
@@ -171,14 +198,22 @@ class Controller:
         """One tick at ``now`` (s, monotonic). ``measured``: motor_position, joint_position, tip_force and the like,
         written into the measurement; without them it holds what was put there in place. Returns the status; the
         torque is in ``torque``."""
-        for name, value in measured.items():
-            getattr(self, name)[:] = value
+        self._fill(now, stamp, measured)
         if reference is not None:
-            self.reference[:] = reference
-        self._now[0] = now
-        self.measurement[0] = now if stamp is None else stamp
+            self.reference[:] = _entries("reference", reference, len(self.reference))
         self._tick.run()
         return int(self._status[0])
+
+    def _fill(self, now: float, stamp: float | None, measured: Mapping[str, ArrayLike]) -> None:
+        values = {}
+        for name, value in measured.items():
+            if name not in self._channels:
+                raise PlantError(f"no measured channel is named {name}; there are {', '.join(CHANNELS)}.")
+            values[name] = _entries(name, value, len(self._channels[name]))
+        for name, value in values.items():
+            self._channels[name][:] = value
+        self._now[0] = now
+        self.measurement[0] = now if stamp is None else stamp
 
     def watchdog(self, now: float) -> int:
         """To be called when a tick may be missing: legal torque in ``torque``, status of the watchdog."""
@@ -188,10 +223,7 @@ class Controller:
 
     def recover(self, now: float, stamp: float | None = None, **measured: ArrayLike) -> int:
         """Leave the safe state with a fresh measurement; 0, or the status that says why not."""
-        for name, value in measured.items():
-            getattr(self, name)[:] = value
-        self._now[0] = now
-        self.measurement[0] = now if stamp is None else stamp
+        self._fill(now, stamp, measured)
         self._recover.run()
         return int(self._status[0])
 
@@ -225,3 +257,23 @@ class Controller:
     def gain_table(self) -> tuple[dict[str, Any], ...]:
         """Name, unit, nominal, bounds and meaning of every gain."""
         return tuple(self.described["gains"])
+
+
+def _entries(name: str, value: ArrayLike, count: int) -> Array:
+    """Real numbers of that count, NaN and infinity among them: what they mean is the guard's to say."""
+    try:
+        entries = np.asarray(value, float)
+    except (TypeError, ValueError):
+        entries = np.empty(0)
+    if entries.shape != (count,):
+        raise PlantError(f"{name} takes {count} numbers, not {value!r}.")
+    return entries
+
+
+def _product(constant: Mapping[str, float] | None, current: float | None) -> float | None:
+    return constant["nominal"] * current if constant and current else None
+
+
+def _jump(speed: float | None, period: float, ratio: float, resolution: float) -> float:
+    """Largest honest step of an encoder in a tick that comes as late as it may, with its own steps."""
+    return UNLIMITED if speed is None else 2 * abs(ratio) * speed * period + resolution

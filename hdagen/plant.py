@@ -5,13 +5,6 @@ Vectors are named by the build's manifest; nothing about a model is typed twice 
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
-import json
-import os
-import subprocess
-import sys
-import tempfile
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,14 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-SCHEMA = 1
-PROFILES = ("portable", "native")
-LONGEST = 4096  # bytes of a path
+from hdagen.opening import PlantError, folder_of, opened, remedy
+
+__all__ = [
+    "Arm",
+    "Array",
+    "Parameter",
+    "Parameters",
+    "PlantError",
+    "StepJacobians",
+    "UnknownParameter",
+    "is_number",
+    "load",
+]
+
 Array = NDArray[np.float64]
-
-
-class PlantError(Exception):
-    """A build that cannot be made, loaded or called; one sentence a problem."""
 
 
 class UnknownParameter(PlantError, KeyError):
@@ -72,7 +72,7 @@ class Parameters(MutableMapping[str, float]):
         for name, value in values.items():
             self._found(name)
             described = self.described[name]
-            if not _is_number(value) or not described.low <= value <= described.high:
+            if not is_number(value) or not described.low <= value <= described.high:
                 problems.append(
                     f"parameter {name}: {value} {described.unit} is not within [{described.low:g}, "
                     f"{described.high:g}]; "
@@ -123,12 +123,12 @@ class Arm:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.manifest, self.module = _open(folder)
+        self.manifest, self.module = opened(folder)
         try:
             self._read()
         except (LookupError, TypeError, ValueError) as error:
             raise PlantError(
-                f"{folder}: the manifest is not what a build writes ({type(error).__name__}: {error}); {_again(folder)}"
+                f"{folder}: the manifest is not what a build writes ({type(error).__name__}: {error}); {remedy(folder)}"
             ) from None
 
     def _read(self) -> None:
@@ -287,12 +287,13 @@ class Arm:
 
     def _size(self, h: float | None) -> float:
         size = self.step_size if h is None else h
-        if not _is_number(size) or not size > 0:
+        if not is_number(size) or not size > 0:
             raise PlantError(f"the step must be positive and finite, s, not {size}.")
         return float(size)
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether the value is one real, finite number."""
     return isinstance(value, (int, float, np.integer, np.floating)) and bool(np.isfinite(value))
 
 
@@ -320,9 +321,6 @@ def _vector(value: ArrayLike, length: int, what: str) -> Array:
     return array
 
 
-# -- finding and opening a build --------------------------------------------------------------------------------------
-
-
 def load(
     robot: str | Path = "paper", profile: str = "portable", effects: tuple[str, ...] = (), out: str | Path | None = None
 ) -> Arm:
@@ -331,84 +329,4 @@ def load(
     A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
     model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build). Raises PlantError.
     """
-    name = os.fspath(robot)
-    if not name or "\0" in name or len(name) > LONGEST:
-        raise PlantError(f"{name[:40]!r} names no robot; give a preset, a robot.toml, or the folder of a build.")
-    if (Path(name) / "manifest.json").is_file():
-        return Arm(Path(name))
-    if profile not in PROFILES:
-        raise PlantError(f"no profile named {profile}; there are {', '.join(PROFILES)}.")
-    if isinstance(effects, str):
-        raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
-    folder = Path(out or os.environ.get("HDAGEN_BUILD") or "build")
-    command = [sys.executable, "-P", "-m", "gen", "build", "--profile", profile, f"--out={folder}"]
-    command += [f"--effects={','.join(effects)}", "--", name]
-    beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
-    # what it prints goes to a file: two pipes of which only one is read can each wait for the other
-    with tempfile.TemporaryFile("w+") as printed:
-        with subprocess.Popen(
-            command, stdout=printed, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": beside}
-        ) as child:
-            assert child.stderr is not None
-            said = []
-            for line in child.stderr:
-                said.append(line.rstrip())
-                if line.startswith("building"):
-                    print(line.rstrip(), file=sys.stderr, flush=True)
-        printed.seek(0)
-        lines = printed.read().splitlines()
-    if child.returncode or not lines:
-        raise PlantError("\n".join(said) or f"the build of {name} failed without a word.")
-    return Arm(Path(lines[-1]))
-
-
-def _again(folder: Path) -> str:
-    return f"remove {folder} and build again with `python -m gen build`."
-
-
-def _open(folder: Path) -> tuple[dict[str, Any], Any]:
-    """The manifest and the module of a build, after every check that keeps a foreign or damaged library out of the
-    process."""
-    again = _again(folder)
-    try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise PlantError(f"{folder}: manifest.json cannot be read ({error}); {again}") from None
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        raise PlantError(f"{folder}: the manifest's schema is not {SCHEMA}; {again}")
-    rest = {key: value for key, value in manifest.items() if key != "seal"}
-    if manifest.get("seal") != hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest():
-        raise PlantError(f"{folder}: the manifest is not as it was written; {again}")
-    build = folder.resolve().name.rpartition("-")[2]
-    files = manifest.get("files")
-    name = manifest.get("library")
-    if manifest.get("build") != build or name != f"hda_{build}.so" or not isinstance(files, dict) or name not in files:
-        raise PlantError(f"{folder}: the manifest does not belong to this folder; {again}")
-    for file, digest in files.items():
-        path = folder / file
-        if Path(file).name != file or not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
-            raise PlantError(f"{folder}: {file} is missing or not what was built; {again}")
-    missing = [flag for flag in manifest.get("cpu", ()) if flag not in _cpu_flags()]
-    if missing:
-        raise PlantError(
-            f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}"
-        )
-    spec = importlib.util.spec_from_file_location("hda", folder / name)
-    assert spec is not None and spec.loader is not None
-    try:
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    except ImportError as error:
-        raise PlantError(f"{folder}: the library cannot be loaded ({error}); {again}") from None
-    if module.build != build:
-        raise PlantError(f"{folder}: the library is of another build than its manifest; {again}")
-    return manifest, module
-
-
-def _cpu_flags() -> set[str]:
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        return set()
-    lines = (line for line in text.splitlines() if line.startswith(("flags", "Features")))
-    return set(next(lines, ":").split(":", 1)[1].split())
+    return Arm(folder_of(robot, profile, effects, out))

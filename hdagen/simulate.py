@@ -86,8 +86,8 @@ def run(
     progress: Callable[[int, int], None] | None = None,
 ) -> Simulation:
     """Simulate. ``arm`` is the plant and may have other parameters than the controller's arm. ``start``: joint
-    positions near which the motion begins (default: a bent arm); the arm begins at rest there, and the controller anew. The same seed gives
-    the same log, to the bit.
+    positions near which the motion begins (default: a bent arm); the arm begins at rest there, and the controller
+    anew. The same seed gives the same log, to the bit.
 
     Raises PlantError where the reference is out of reach, or the period is not the controller's.
     """
@@ -163,7 +163,7 @@ def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> No
     rows = len(reference.position)
     if not rows or any(part.shape != (rows, width) or not np.isfinite(part).all() for part in parts):
         raise PlantError(
-            f"a {reference.space} motion takes position, velocity and acceleration, finite, ({width} entries a row each) "
+            f"a {reference.space} motion takes finite position, velocity and acceleration ({width} entries a row each) "
             f"and at least one row, not the shapes {', '.join(str(part.shape) for part in parts)}."
         )
 
@@ -216,7 +216,8 @@ def _loop(
         controller.motor_velocity[:] = (seen[late, :n] - seen[max(0, late - 1), :n]) / period
         controller.tip_force[:] = felt[late]
         controller.reference[:] = rows[k]
-        status[k] = controller.tick(k * period, stamp=(k - scheme.delay) * period)  # at rest before 0
+        # before 0 the arm was at rest and sampled too
+        status[k] = controller.tick(k * period, stamp=(k - scheme.delay) * period)
         torque[k] = controller.torque
         u[:n], u[n:] = torque[k] / constants, push[k]
         for _ in range(steps):

@@ -1,0 +1,107 @@
+"""Builds found or made, checked, and loaded: what keeps a foreign or damaged library out of the process."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+SCHEMA = 1
+PROFILES = ("portable", "native")
+LONGEST = 4096  # bytes of a path
+
+
+class PlantError(Exception):
+    """A build that cannot be made, loaded or called; one sentence a problem."""
+
+
+def folder_of(robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None) -> Path:
+    """The folder of a robot's build: the one named, or one made by a child process. Raises PlantError."""
+    name = os.fspath(robot)
+    if not name or "\0" in name or len(name) > LONGEST:
+        raise PlantError(f"{name[:40]!r} names no robot; give a preset, a robot.toml, or the folder of a build.")
+    if (Path(name) / "manifest.json").is_file():
+        return Path(name)
+    if profile not in PROFILES:
+        raise PlantError(f"no profile named {profile}; there are {', '.join(PROFILES)}.")
+    if isinstance(effects, str):
+        raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
+    folder = Path(out or os.environ.get("HDAGEN_BUILD") or "build")
+    command = [sys.executable, "-P", "-m", "gen", "build", "--profile", profile, f"--out={folder}"]
+    command += [f"--effects={','.join(effects)}", "--", name]
+    beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
+    # what it prints goes to a file: two pipes of which only one is read can each wait for the other
+    with tempfile.TemporaryFile("w+") as printed:
+        with subprocess.Popen(
+            command, stdout=printed, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": beside}
+        ) as child:
+            assert child.stderr is not None
+            said = []
+            for line in child.stderr:
+                said.append(line.rstrip())
+                if line.startswith("building"):
+                    print(line.rstrip(), file=sys.stderr, flush=True)
+        printed.seek(0)
+        lines = printed.read().splitlines()
+    if child.returncode or not lines:
+        raise PlantError("\n".join(said) or f"the build of {name} failed without a word.")
+    return Path(lines[-1])
+
+
+def remedy(folder: Path) -> str:
+    """What to do about a build that cannot be used."""
+    return f"remove {folder} and build again with `python -m gen build`."
+
+
+def opened(folder: Path) -> tuple[dict[str, Any], Any]:
+    """The manifest and the module of a build, after every check that keeps a foreign or damaged library out of the
+    process."""
+    again = remedy(folder)
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise PlantError(f"{folder}: manifest.json cannot be read ({error}); {again}") from None
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        raise PlantError(f"{folder}: the manifest's schema is not {SCHEMA}; {again}")
+    rest = {key: value for key, value in manifest.items() if key != "seal"}
+    if manifest.get("seal") != hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest():
+        raise PlantError(f"{folder}: the manifest is not as it was written; {again}")
+    build = folder.resolve().name.rpartition("-")[2]
+    files = manifest.get("files")
+    name = manifest.get("library")
+    if manifest.get("build") != build or name != f"hda_{build}.so" or not isinstance(files, dict) or name not in files:
+        raise PlantError(f"{folder}: the manifest does not belong to this folder; {again}")
+    for file, digest in files.items():
+        path = folder / file
+        if Path(file).name != file or not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            raise PlantError(f"{folder}: {file} is missing or not what was built; {again}")
+    missing = [flag for flag in manifest.get("cpu", ()) if flag not in _cpu_flags()]
+    if missing:
+        raise PlantError(
+            f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}"
+        )
+    spec = importlib.util.spec_from_file_location("hda", folder / name)
+    assert spec is not None and spec.loader is not None
+    try:
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except ImportError as error:
+        raise PlantError(f"{folder}: the library cannot be loaded ({error}); {again}") from None
+    if module.build != build:
+        raise PlantError(f"{folder}: the library is of another build than its manifest; {again}")
+    return manifest, module
+
+
+def _cpu_flags() -> set[str]:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return set()
+    lines = (line for line in text.splitlines() if line.startswith(("flags", "Features")))
+    return set(next(lines, ":").split(":", 1)[1].split())
