@@ -1,0 +1,219 @@
+"""The structure holds: who imports whom, imports that do nothing, sizes of files and functions, what lies where."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from compiled import Compiled
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("gen", "hdagen")
+MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+SYMBOLS = {"casadi", "sympy"}
+UNSAFE = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "yaml", "ruamel"}
+STARTERS = {"subprocess", "multiprocessing", "pty", "pexpect", "sh", "invoke"}
+LOGS = {"pyarrow", "pandas", "polars", "h5py", "csv"}  # what reads a table of measurements
+
+
+def name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def imported(path: Path) -> Iterator[str]:
+    """The modules that a file imports anywhere in it, relative ones by their full name."""
+    package = path.relative_to(ROOT).parent.parts
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(part for part in (base, node.module or "") if part)
+            yield module
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def tops(path: Path) -> set[str]:
+    return {module.split(".")[0] for module in imported(path)}
+
+
+# -- who imports whom -------------------------------------------------------------------------------------------------
+
+
+def test_there_is_something_to_look_at() -> None:
+    found = {name(path) for path in MODULES}
+    assert {"gen/build.py", "gen/effects/payload.py", "hdagen/log.py", "hdagen/plant.py"} <= found
+    assert "casadi" in tops(ROOT / "gen" / "model.py")
+    assert "gen.effects.payload" in set(imported(ROOT / "gen" / "effects" / "__init__.py"))
+
+
+@pytest.mark.parametrize("package, forbidden", [("hdagen", {"gen", *SYMBOLS}), ("gen", {"hdagen", *LOGS})])
+def test_the_halves_meet_in_files_only(package: str, forbidden: set[str]) -> None:
+    crossing = {name(path): tops(path) & forbidden for path in MODULES if name(path).startswith(f"{package}/")}
+    assert {path: found for path, found in crossing.items() if found} == {}
+
+
+def test_one_file_of_gen_starts_programs() -> None:
+    assert [name(p) for p in MODULES if name(p).startswith("gen/") and tops(p) & STARTERS] == ["gen/compile.py"]
+
+
+def test_nothing_unsafe_reads_or_runs() -> None:
+    """No pickle, no YAML, no eval; and no program is started through a shell."""
+    found = []
+    for path in MODULES:
+        found += [(name(path), module) for module in tops(path) & UNSAFE]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            called = ast.unparse(node.func)
+            shell = any(k.arg == "shell" and ast.unparse(k.value) != "False" for k in node.keywords)
+            starts = re.fullmatch(r"os\.(system|popen|exec\w+|spawn\w+|posix_spawnp?)|pty\.spawn", called)
+            if called in ("eval", "exec", "compile", "__import__") or starts or shell:
+                found.append((name(path), called))
+    assert found == []
+
+
+# -- imports do nothing -----------------------------------------------------------------------------------------------
+
+DEFINES = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.FunctionDef, ast.ClassDef)
+
+
+def test_modules_hold_definitions_only() -> None:
+    doing = []
+    for path in MODULES:
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            merged = isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add | ast.BitOr)
+            guarded = isinstance(node, ast.If) and re.fullmatch(
+                r"TYPE_CHECKING|__name__ == '__main__'|sys\.(platform|version_info) .*", ast.unparse(node.test)
+            )
+            if not (text or merged or guarded or isinstance(node, DEFINES)):
+                doing.append(f"{name(path)}:{node.lineno}: {ast.unparse(node)[:60]}")
+    assert doing == []
+
+
+WATCH = """
+import contextlib, importlib, io, json, multiprocessing, os, pathlib, signal, sys, threading, warnings
+warnings.simplefilter("error")
+
+def state():
+    return {
+        "files": sorted(map(str, pathlib.Path().rglob("*"))), "threads": threading.active_count(),
+        "children": len(multiprocessing.active_children()), "environment": dict(os.environ), "folder": os.getcwd(),
+        "signals": [str(signal.getsignal(s)) for s in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)],
+    }
+
+foreign = ["numpy", "casadi", "sympy", "scipy", "scipy.signal", "pyarrow", "pyarrow.parquet", "rich", "tomlkit", "osqp"]
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    for module in foreign:  # what these do when they are imported is theirs
+        with contextlib.suppress(ImportError):
+            importlib.import_module(module)
+did, before = {}, state()
+for module in json.loads(sys.argv[1]):
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        importlib.import_module(module)
+    after = state()
+    changed = [what for what in after if after[what] != before[what]] + (["output"] if said.getvalue() else [])
+    if changed:
+        did[module] = changed
+    before = after
+print(json.dumps(did))
+"""
+
+
+def test_importing_any_module_does_nothing(tmp_path: Path) -> None:
+    modules = [name(p).removesuffix(".py").removesuffix("/__init__").replace("/", ".") for p in MODULES]
+    command = [sys.executable, "-B", "-c", WATCH, json.dumps(modules)]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "", "HOME": str(tmp_path)}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert json.loads(done.stdout) == {}
+
+
+# -- sizes ------------------------------------------------------------------------------------------------------------
+
+
+def test_no_file_is_long() -> None:
+    kinds = {".py", ".c", ".h", ".js", ".css", ".txt", ".toml"}
+    files = (path for package in PACKAGES for path in (ROOT / package).rglob("*") if path.suffix in kinds)
+    lines = {name(path): path.read_text(encoding="utf-8").count("\n") for path in files}
+    assert {path: count for path, count in lines.items() if count > 400} == {}
+
+
+def test_no_function_is_long() -> None:
+    long = []
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or 0) - node.lineno + 1
+                if lines > 60:
+                    long.append(f"{name(path)}:{node.lineno} {node.name}: {lines} lines")
+    assert long == []
+
+
+def test_no_module_is_a_drawer() -> None:
+    drawers = {"utils", "util", "common", "helpers", "helper", "misc", "tools"}
+    assert [name(p) for p in [*MODULES, *(ROOT / "tests").rglob("*.py")] if p.stem in drawers] == []
+
+
+# -- what lies where --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tracked() -> list[Path]:
+    """The files of the repository; skips where this is none."""
+    try:
+        done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("git is not installed, so the repository's files are not known")
+    if done.returncode or not done.stdout:
+        pytest.skip("this is no git repository, so its files are not known")
+    return [path for entry in done.stdout.split("\0") if entry and (path := ROOT / entry).is_file()]
+
+
+def test_the_top_of_the_repository(tracked: list[Path]) -> None:
+    top = {path.relative_to(ROOT).parts[0] for path in tracked}
+    files = {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff", "CHANGELOG.md"}
+    assert {entry for entry in top if not entry.startswith(".")} == {"gen", "hdagen", "tests", "docs", *files}
+    made = ["build/arm-0/hda.h", ".venv/bin/python", "gen/__pycache__/build.pyc", "hdagen.egg-info/PKG-INFO"]
+    ignored = subprocess.run(["git", "check-ignore", *made], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ignored.stdout.split() == made
+
+
+ELSEWHERE = {
+    "address of a package registry": r"(?:pypi\.org|pythonhosted\.org|npmjs\.(?:org|com)|crates\.io|anaconda\.org|"
+    r"index-url|proxy\.golang\.org)",
+    "path of one machine": r"(?<![\w.}])/(?:work|home|root|Users|tmp|mnt|opt/venv)/",
+}
+
+
+def test_files_speak_of_no_machine_and_no_registry(tracked: list[Path]) -> None:
+    found = []
+    for path in tracked:
+        if path == Path(__file__):
+            continue
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue
+        for what, pattern in ELSEWHERE.items():
+            found += [f"{name(path)}: {what}: {match.group()}" for match in re.finditer(pattern, text)]
+    assert found == []
+
+
+def test_a_build_speaks_of_no_machine(build: Callable[..., Compiled]) -> None:
+    folder = build("emps").folder
+    for path in folder.iterdir():
+        content = path.read_bytes()
+        assert [place for place in (ROOT, folder.parent, sys.prefix) if str(place).encode() in content] == [], path.name
