@@ -13,7 +13,7 @@ SPRINGS = {
     "wave_generator_stiffening": 27.027,
     "torsional_damping": 6.0,
 }
-LINEAR = {  # as good as one linear spring: the wave generator gives 1e-13 rad/(N m), the flexspline stiffens by 4e-8 at 200 N m
+LINEAR = {  # as good as one linear spring: the flexspline stiffens by 4e-8 at 200 N m
     "flexspline_stiffness": 9000.0,
     "flexspline_stiffening": 1e-6,
     "wave_generator_stiffness": 1e9,
@@ -25,7 +25,7 @@ NAMES = {"R": "revolute", "P": "prismatic"}
 
 
 def chain(kinds: str, seed: int, springs: Mapping[str, float] | None = None, friction: float = 0.0) -> str:
-    """A chain such as "RPR" with random links and drives; rigid drives where ``springs`` is None, Coulomb level ``friction``."""
+    """A chain such as "RPR" with random links and drives; rigid without ``springs``; ``friction`` of each motor."""
     rng = np.random.default_rng(seed)
     lines = [f'name = "chain {kinds} {seed}"', "gravity = [1.3, -9.6]"]
     for kind in kinds:

@@ -1,4 +1,4 @@
-"""The drive's laws: torsion and its inverse, their numbers, resonance, and the torque–torsion loop of the paper's Fig. 3b.
+"""The drive's laws: torsion, its inverse, their numbers, resonance, and the torque–torsion loop of the paper's Fig. 3b.
 
 `Law` writes (11) with (2), checked form, in numpy from the robot file's numbers; the compiled arm has to agree with it.
 """
@@ -123,7 +123,7 @@ def test_continuation_is_the_tangent_and_is_reported(build: Builder) -> None:
 
 
 def test_numbers_of_table_1() -> None:
-    """Ranges of the law, stiffness at the catalogue's T2 and at 30 N m, and the wave generator's share at zero torque."""
+    """Ranges of the law, stiffness at the catalogue's T2 and at 30 N m, the wave generator's share at zero torque."""
     law = Law()
     endless = Law(law_torque=np.inf)
     assert endless.inside(np.float64(1e9)) == pytest.approx(2.08e-3, abs=0.005e-3)
@@ -151,7 +151,7 @@ def test_energy_of_the_springs_is_the_integral_of_their_torque(build: Builder) -
 
 
 def gears(count: int) -> list[Law]:
-    """Laws as a catalogue would give them, over four decades of size: c_w = 1/τ_fs, K_w0 = 2 τ_fs/(N ψ), (28) to (31)."""
+    """Laws as from a catalogue, over three decades of size: c_w = 1/τ_fs, K_w0 = 2 τ_fs/(N ψ), (28) to (31)."""
     rng = np.random.default_rng(8)
     laws = []
     for _ in range(count):
@@ -164,7 +164,7 @@ def gears(count: int) -> list[Law]:
 
 @pytest.mark.parametrize("law", gears(6), ids=lambda law: f"{law.flexspline_stiffness:.0f}")
 def test_plan_keeps_its_word_for_other_gears(law: Law) -> None:
-    """Whatever plan is chosen for a drive, the inverse stays within 1e-12 rad of the law written here"""
+    """Whatever plan is chosen for a drive, the inverse stays within 1e-12 rad of the law written here."""
     base = load("paper_table1").joints[0].drive
     stated = base.__class__(**(vars(base) | {name: Value(value, 0.05) for name, value in vars(law).items()}))
     chosen = drive.plan([stated])
@@ -189,7 +189,7 @@ def test_a_law_too_sharp_to_invert_is_refused() -> None:
 
 
 def frequency(arm: Compiled, **changes: float) -> float:
-    """Hz at which joint 1 swings against its motor with joint 2's link free, by the derivative of φ̈ by θ at zero torque."""
+    """Hz at which joint 1 swings against its motor, joint 2's link free, by the derivative of φ̈ by θ at zero torque."""
     c = arm.prepare(torsional_damping_1=0.0, torsional_damping_2=0.0, **changes)
     nx = len(arm.states)
     A = arm("rhs_jacobian", np.zeros(nx), np.zeros(4), c)[0].reshape(nx, nx).T
@@ -207,7 +207,7 @@ def test_resonance_of_table_1(build: Builder) -> None:
 
 
 def test_resonances_of_the_light_arm(build: Builder) -> None:
-    """Modes from ∂ẋ/∂x are those of M(q), the reflected rotors and 7051 N m/rad; 48 Hz at a right angle, 139 Hz half a radian bent."""
+    """Modes of ∂ẋ/∂x are those of M(q), rotors and 7051 N m/rad: 48 Hz at a right angle, 139 Hz half a radian bent."""
     arm = build("paper")
     free = {
         f"{name}_{j}": 0.0 for name in ("torsional_damping", "viscous_friction", "coulomb_friction") for j in (1, 2)
@@ -231,7 +231,7 @@ def test_resonances_of_the_light_arm(build: Builder) -> None:
 
 
 def loop(arm: Compiled, hysteresis: float, stiff: bool) -> tuple[Floats, Floats]:
-    """Torsion and joint torque of joint 1 over one cycle, its motor locked by friction and its tip pushed slowly to and fro."""
+    """Torsion and joint torque of joint 1 over one cycle, its motor locked by friction, its tip pushed to and fro."""
     locked = {f"coulomb_friction_{j}": 50.0 for j in (1, 2)}
     memory = {f"hysteresis_torque_{j}": hysteresis for j in (1, 2)} if stiff else {}
     c = arm.prepare(**locked, **memory)

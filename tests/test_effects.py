@@ -51,7 +51,7 @@ TERM = {
 
 
 def symbols(effect: Effect) -> dict[str, tuple[Any, str]]:
-    """Everything that the effect's equation may read, as symbols with units: signals, its states, its and the robot's parameters."""
+    """What the equation may read, as symbols with units: signals, its states, its and the robot's parameters."""
     own = {p.name: p.unit for p in effect.parameters} | {s.name: s.unit for s in effect.states}
     named = SIGNALS | {name: key.unit for name, key in KEYS.items()} | own
     return {name: (ca.SX.sym(name), unit) for name, unit in named.items()}
@@ -294,7 +294,7 @@ def test_amplitude_zero_is_the_model_without_the_effect_to_the_bit(everything: R
 
 
 def test_kinematic_error_does_virtual_work(build: Builder) -> None:
-    """What the motor gives to the gear is what the springs store and the joint gets, φ̇ taken from the sensed torsion alone."""
+    """What the motor gives the gear is what the springs store and the joint gets, φ̇ from the sensed torsion alone."""
     arm = build(
         "paper", effects=("kinematic_error", "presliding_friction", "rotor_coupling", "transmission_hysteresis")
     )

@@ -1,4 +1,4 @@
-"""Energy: kept where nothing takes it, balanced where something does, and never given by friction, damping or hysteresis."""
+"""Energy: kept where nothing takes it, balanced where something does, never given by friction, damping, hysteresis."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_energy_is_kept_without_loss(build: Builder, profile: str) -> None:
 
 
 def test_power_balances_with_every_conservative_effect(build: Builder) -> None:
-    """d/dt energy is the motors' power and the push's: kinematic error, coupling, payload, gravity, springs do virtual work."""
+    """d/dt energy is the power of motors and push: kinematic error, coupling, payload and springs lose nothing."""
     arm = build("paper", effects=MEMORY)
     c = arm.prepare(**MANY)
     x = states(arm, STATES)
@@ -103,7 +103,7 @@ def test_power_balances_with_every_conservative_effect(build: Builder) -> None:
 
 
 def test_losses_take_exactly_what_their_laws_say(build: Builder) -> None:
-    """With memories at their ends (|z| = 1) every loss is a product of a force and a speed, and the balance shows each."""
+    """Every loss is the product of a force and a speed, with the memories wherever they are; the balance shows each."""
     arm = build("paper", effects=MEMORY)
     p = MANY | LOSSY
     c = arm.prepare(**p)

@@ -84,7 +84,7 @@ def matrices(flat: list[Floats], nx: int) -> list[Floats]:
 
 
 def agree(ours: Floats, theirs: tuple[Floats, Floats], bound: float, noise: float = 1.0) -> None:
-    """Each entry to rounding (``noise`` times that of the differences) and ``bound`` of the largest in its row or in its column, whichever is smaller."""
+    """Each entry to ``noise`` times the rounding, and to ``bound`` of the largest in its row or column, the smaller."""
     found, rounding = theirs
     size = np.minimum(np.abs(found).max(axis=1)[:, None], np.abs(found).max(axis=0)[None, :])
     excess = np.abs(ours - found) - bound * size - rounding * noise
@@ -93,18 +93,34 @@ def agree(ours: Floats, theirs: tuple[Floats, Floats], bound: float, noise: floa
     assert (np.abs(found) > 10 * rounding).sum() > 0.5 * (found != 0.0).sum(), "rounding hides what is compared"
 
 
+def compare(
+    arm: Compiled,
+    flat: list[Floats],
+    f: Callable[[Floats, Floats, Floats], Floats],
+    at: tuple[Floats, Floats, Floats],
+    bounds: tuple[float, float, float],
+    noise: float = 1.0,
+) -> None:
+    """The three derivatives ``flat`` against differences of f(x, u, p) at (x, u, p)."""
+    x, u, p = at
+    by_x, by_u, by_p = matrices(flat, x.size)
+    hx, hu, hp = steps(arm, x, u, p)
+    agree(by_x, differences(lambda w: f(w, u, p), x, hx), bounds[0], noise)
+    agree(by_u, differences(lambda w: f(x, w, p), u, hu), bounds[1], noise)
+    agree(by_p, differences(lambda w: f(x, u, w), p, hp), bounds[2], noise)
+
+
 @pytest.mark.parametrize("kind", ARMS)
 def test_derivatives_of_the_rate_are_finite_differences(build: Builder, kind: str) -> None:
     """By state, input and every parameter."""
     arm, p = arm_of(build, kind)
     (c,) = arm("prepare", p)
-    xs, us = states(arm, 12)
-    for x, u in zip(xs, us, strict=True):
-        ours = matrices(arm("rhs_jacobian", x, u, c), x.size)
-        hx, hu, hp = steps(arm, x, u, p)
-        agree(ours[0], differences(lambda at: arm("rhs", at, u, c)[0], x, hx), 1e-6)
-        agree(ours[1], differences(lambda at: arm("rhs", x, at, c)[0], u, hu), 1e-8)
-        agree(ours[2], differences(lambda at: arm("rhs", x, u, arm("prepare", at)[0])[0], p, hp), 1e-6)
+
+    def rate(x: Floats, u: Floats, p: Floats) -> Floats:
+        return arm("rhs", x, u, arm("prepare", p)[0])[0]
+
+    for x, u in zip(*states(arm, 12), strict=True):
+        compare(arm, arm("rhs_jacobian", x, u, c), rate, (x, u, p), (1e-6, 1e-8, 1e-6))
 
 
 def test_derivative_by_state_alone_is_the_same(build: Builder) -> None:
@@ -119,10 +135,8 @@ def test_stiffness_at_exactly_zero_torsion(build: Builder) -> None:
     """At φ = 0, where |φ| and the sign of φ have no derivative, the springs' 7051 N m/rad stand all the same."""
     arm = build("paper_table1")
     names = ("coulomb_friction", "torsional_damping")
-    A = arm("rhs_jacobian", np.zeros(8), np.zeros(4), arm.prepare(**{f"{n}_{j}": 0.0 for n in names for j in (1, 2)}))[
-        0
-    ]
-    A = A.reshape(8, 8).T
+    c = arm.prepare(**{f"{name}_{j}": 0.0 for name in names for j in (1, 2)})
+    A = arm("rhs_jacobian", np.zeros(8), np.zeros(4), c)[0].reshape(8, 8).T
     K = 1 / (1 / 9743.94 + 1 / (1e4 * 2.5517))
     assert pytest.approx(7051.0, abs=1.0) == K
     inverse = np.linalg.inv(0.876 * np.array([[2.0, 1.0], [1.0, 1.0]]))
@@ -145,22 +159,20 @@ def test_stiffness_beyond_the_law_is_the_tangents(build: Builder) -> None:
 def test_derivatives_of_the_step_are_finite_differences(build: Builder, kind: str) -> None:
     """`step_jacobian` against differences of `step`, and its own next state against that of `step`."""
     arm, p = arm_of(build, kind)
-    (c,) = arm("prepare", p)
     h = [5e-4]
-    xs, us = states(arm, 8)
-    for x, u in zip(xs, us, strict=True):
+
+    def step(x: Floats, u: Floats, p: Floats) -> Floats:
+        return arm("step", x, u, arm("prepare", p)[0], h)[0]
+
+    for x, u in zip(*states(arm, 8), strict=True):
         after, *flat = arm("step_jacobian", x, u, p, h)
-        assert after == pytest.approx(arm("step", x, u, c, h)[0], rel=1e-13, abs=1e-15)
-        ours = matrices(flat, x.size)
-        hx, hu, hp = steps(arm, x, u, p)
-        agree(ours[0], differences(lambda at: arm("step", at, u, c, h)[0], x, hx), 1e-6)
-        agree(ours[1], differences(lambda at: arm("step", x, at, c, h)[0], u, hu), 1e-6)
-        agree(ours[2], differences(lambda at: arm("step", x, u, arm("prepare", at)[0], h)[0], p, hp), 2e-5)
+        assert after == pytest.approx(step(x, u, p), rel=1e-13, abs=1e-15)
+        compare(arm, flat, step, (x, u, p), (1e-6, 1e-6, 2e-5))
 
 
 @pytest.mark.parametrize("kind", ["flexible", "rigid"])
 def test_derivatives_of_the_step_are_casadis(build: Builder, kind: str, tmp_path: Path) -> None:
-    """CasADi differentiates the same Runge–Kutta step over the interpreter's graph, through the springs' polynomial."""
+    """CasADi differentiates the same Runge–Kutta step of the interpreter's graph, through the springs' polynomial."""
     arm, p = arm_of(build, kind)
     path = tmp_path / "robot.toml"
     path.write_text(ARMS[kind][0])
@@ -184,7 +196,7 @@ def test_derivatives_of_the_step_are_casadis(build: Builder, kind: str, tmp_path
 
 
 def test_derivatives_of_the_stiff_step_are_those_of_the_flow(build: Builder) -> None:
-    """Bristles and hysteresis: `step_jacobian` against differences of the same 0.1 ms in 32 steps, set-valued RK4 in fact.
+    """Bristles and hysteresis: `step_jacobian` against differences of the same 0.1 ms in 32 steps of set-valued RK4.
 
     With all dry friction in the bristles nothing is set-valued, so the other method integrates the same equations.
     """
@@ -194,11 +206,10 @@ def test_derivatives_of_the_stiff_step_are_those_of_the_flow(build: Builder) -> 
     (c,) = arm("prepare", p)
     h = 1e-4
 
-    def flow(x: Floats, u: Floats, constants: Floats) -> Floats:
-        return arm.rollout(x, u[None], constants, h, h / 32, kind=EXACT)[1]
+    def flow(x: Floats, u: Floats, p: Floats) -> Floats:
+        return arm.rollout(x, u[None], arm("prepare", p)[0], h, h / 32, kind=EXACT)[1]
 
-    xs, us = states(arm, 6)
-    for x, u in zip(xs, us, strict=True):
+    for x, u in zip(*states(arm, 6), strict=True):
         u[:] *= 0.02
         for j in (1, 2):  # slack springs turned fast: no memory changes its direction within the step
             arm.at(x, f"motor_velocity_{j}")[...] = 40.0 * np.sign(arm.at(x, f"motor_velocity_{j}"))
@@ -206,8 +217,4 @@ def test_derivatives_of_the_stiff_step_are_those_of_the_flow(build: Builder) -> 
             arm.at(x, f"motor_position_{j}")[...] = 100.0 * arm.at(x, f"joint_position_{j}") + 2e-3
         after, *flat = arm("step_jacobian", x, u, p, [h])
         assert np.array_equal(after, arm("step", x, u, c, [h])[0])
-        ours = matrices(flat, x.size)
-        hx, hu, hp = steps(arm, x, u, p)
-        agree(ours[0], differences(lambda at: flow(at, u, c), x, hx), 1e-3, noise=30.0)
-        agree(ours[1], differences(lambda at: flow(x, at, c), u, hu), 1e-2, noise=30.0)
-        agree(ours[2], differences(lambda at: flow(x, u, arm("prepare", at)[0]), p, hp), 1e-2, noise=30.0)
+        compare(arm, flat, flow, (x, u, p), (1e-3, 1e-2, 1e-2), noise=30.0)

@@ -27,55 +27,47 @@ FLEXIBLE = {
 }
 
 
-def mjcf(text: str, step: float = 0.0005) -> str:
-    """The robot in MuJoCo's words: rigid drives as armature; flexible ones as rotors of their own, joined by a tendon's spring.
+def tag(element: str, /, *inner: str, **attributes: Any) -> str:
+    """An XML element; tuples are written with spaces."""
+    values = {
+        key: " ".join(map(repr, value)) if isinstance(value, tuple) else value for key, value in attributes.items()
+    }
+    written = "".join(f' {key}="{value}"' for key, value in values.items())
+    return f"<{element}{written}>{''.join(inner)}</{element}>"
 
-    A rotor that `rotor_coupling` names rides on the link before its joint and turns with (1) or against (-1) it; 0 puts it on the base.
+
+def mjcf(text: str, step: float = 0.0005) -> str:
+    """The robot in MuJoCo's words: rigid drives as armature, flexible ones as rotors of their own, joined by a spring.
+
+    A rotor that `rotor_coupling` names rides on the link before its joint and turns with (1) or against (-1) it;
+    0 puts it on the base.
     """
     table = tomllib.loads(text)
-    g = table["gravity"]
+    joints = table["joint"]
     riding = {e["joint"]: e["coupling"] for e in table.get("effect", []) if e["name"] == "rotor_coupling"}
-    body, tail, tendons, reach = "", "", "", 0.0
-    for j, joint in enumerate(table["joint"], 1):
-        d = joint["drive"]
-        slides = joint.get("type") == "prismatic"
-        N, rigid = d["ratio"], d.get("rigid", False)
-        rotor = ""
-        if not rigid:
-            axis = -1 if riding.get(j, 0) < 0 else 1
-            rotor = (
-                (
-                    f'<body pos="{reach} 0 0"><inertial pos="0 0 0" mass="1e-12" diaginertia="{(d["motor_inertia"],) * 3}"/>'
-                    f'<joint name="motor_{j}" type="hinge" axis="0 0 {axis}" damping="{d["viscous_friction"]}"/></body>'
-                )
-                .replace("(", "")
-                .replace(")", "")
-                .replace(",", "")
-            )
-            stiffness = 1.0 / (1.0 / d["flexspline_stiffness"] + 1.0 / (N * N * d["wave_generator_stiffness"]))
-            tendons += (
-                f'<fixed name="drive_{j}" stiffness="{stiffness!r}" damping="{d["torsional_damping"]}" springlength="0">'
-                f'<joint joint="motor_{j}" coef="{1 / N!r}"/><joint joint="joint_{j}" coef="-1"/></fixed>'
-            )
-        inertia = joint["inertia"]
-        armature = (
-            f'armature="{N * N * d["motor_inertia"]!r}" damping="{N * N * d["viscous_friction"]!r}"' if rigid else ""
+    inner, base, springs = tag("site", name="tip", pos=(joints[-1]["length"], 0, 0)), "", ""
+    for j in range(len(joints), 0, -1):
+        joint, d = joints[j - 1], joints[j - 1]["drive"]
+        N, at = d["ratio"], (joints[j - 2]["length"] if j > 1 else 0.0, 0, 0)
+        slides, rigid = joint.get("type") == "prismatic", d.get("rigid", False)
+        rotor = {"armature": N * N * d["motor_inertia"], "damping": N * N * d["viscous_friction"]} if rigid else {}
+        kind = {"type": "slide", "axis": (1, 0, 0)} if slides else {"type": "hinge", "axis": (0, 0, 1)}
+        moves = tag("joint", name=f"joint_{j}", **kind, **rotor)
+        weight = tag(
+            "inertial", pos=(joint["center_of_mass"], 0, 0), mass=joint["mass"], diaginertia=3 * (joint["inertia"],)
         )
-        own = (
-            f'<body name="link_{j}" pos="{reach} 0 0">'
-            f'<joint name="joint_{j}" type="{"slide" if slides else "hinge"}" axis="{"1 0 0" if slides else "0 0 1"}" {armature}/>'
-            f'<inertial pos="{joint["center_of_mass"]} 0 0" mass="{joint["mass"]}" diaginertia="{inertia} {inertia} {inertia}"/>'
-        )
-        if riding.get(j):  # inside the link before
-            body, rotor = body + rotor, ""
-        body, tail = body + own, "</body>" + tail
-        tail += rotor
-        reach = joint["length"]
-    tip = f'<site name="tip" pos="{reach} 0 0"/>'
-    return (
-        f'<mujoco><compiler angle="radian"/><option gravity="{g[0]} {g[1]} 0" integrator="RK4" timestep="{step}"/>'
-        f"<worldbody>{body}{tip}{tail}</worldbody><tendon>{tendons}</tendon></mujoco>"
-    )
+        inner = tag("body", moves, weight, inner, name=f"link_{j}", pos=at)
+        if rigid:
+            continue
+        turns = {"axis": (0, 0, -1 if riding.get(j, 0) < 0 else 1), "damping": d["viscous_friction"]}
+        spins = tag("inertial", pos=(0, 0, 0), mass=1e-12, diaginertia=3 * (d["motor_inertia"],))
+        motor = tag("body", spins, tag("joint", name=f"motor_{j}", type="hinge", **turns), pos=at)
+        inner, base = (inner + motor, base) if riding.get(j) else (inner, base + motor)
+        stiffness = 1.0 / (1.0 / d["flexspline_stiffness"] + 1.0 / (N * N * d["wave_generator_stiffness"]))
+        ends = tag("joint", joint=f"motor_{j}", coef=1 / N) + tag("joint", joint=f"joint_{j}", coef=-1)
+        springs += tag("fixed", ends, stiffness=stiffness, damping=d["torsional_damping"], springlength=0)
+    option = tag("option", gravity=(*table["gravity"], 0), integrator="RK4", timestep=step)
+    return tag("mujoco", tag("compiler", angle="radian"), option, tag("worldbody", inner, base), tag("tendon", springs))
 
 
 class MuJoCo:
@@ -225,7 +217,7 @@ def test_every_part_agrees_with_pinocchio(build: Builder, kinds: str) -> None:
 @pytest.mark.parametrize("kinds", FLEXIBLE)
 @pytest.mark.parametrize("coupling", [0.0, 1.0, -1.0])
 def test_flexible_drives_agree_with_mujoco(build: Builder, kinds: str, coupling: float) -> None:
-    """Rotors, springs and dampers as bodies and tendons of their own; rotors riding on the link before, turning either way."""
+    """Rotors, springs, dampers as bodies and tendons; rotors on the base, or on the link before, turning either way."""
     n = len(kinds)
     arm, reference = build(FLEXIBLE[kinds]), MuJoCo(FLEXIBLE[kinds].replace("coupling = 1.0", f"coupling = {coupling}"))
     q, v, twist, u, f = moves(n, STATES if kinds == "RR" else STATES // 10)
@@ -237,7 +229,7 @@ def test_flexible_drives_agree_with_mujoco(build: Builder, kinds: str, coupling:
 
 @pytest.mark.parametrize("text", [CHAINS["RR"], FLEXIBLE["RR"]], ids=["rigid", "flexible"])
 def test_trajectory_agrees_with_mujocos_runge_kutta(build: Builder, text: str) -> None:
-    """1 s in steps of 0.5 ms with torques held over 10 ms: the same method on the same equations, so the same numbers."""
+    """1 s in steps of 0.5 ms, torques held over 10 ms: the same method on the same equations gives the same numbers."""
     arm, reference = build(text), MuJoCo(text)
     t = np.arange(0.0, 1.0, 0.01)
     u = 0.3 * np.column_stack([np.sin(6.0 * t), np.cos(9.0 * t)])

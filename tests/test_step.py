@@ -196,7 +196,7 @@ def test_a_stuck_motor_does_not_move_by_a_bit(build: Builder) -> None:
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_joint_gives_way_at_the_level(build: Builder, sign: int) -> None:
-    """A carriage on a screw: at 1 part in 1e9 below the level it stays, above it slides off in the direction of the push."""
+    """A carriage on a screw: 1 part in 1e9 below the level it stays, above it slides off as it is pushed."""
     arm = build("emps")
     c = arm.prepare(bias_1=0.0)
     level = 20.3935
@@ -267,7 +267,7 @@ CASES = {  # robot, amplitudes of the inputs of the joints, parameters
 
 @pytest.mark.parametrize("case", CASES)
 def test_set_valued_friction_keeps_order_four_through_every_stop_and_start(build: Builder, case: str) -> None:
-    """Stops and breakaways are found within the step, so nothing is lost there; link angles, 1.5 s with many of both."""
+    """Stops and breakaways are found within the step, so nothing is lost there: 1.5 s with many of both."""
     robot, amplitudes, changes = CASES[case]
     arm = build(robot)
     c, held, n = arm.prepare(**changes), 2e-3, len(amplitudes)
@@ -306,7 +306,7 @@ def test_narrow_smooth_friction_tends_to_the_set_valued(build: Builder) -> None:
 
 
 def test_dry_friction_that_bristles_share_still_sticks(build: Builder) -> None:
-    """Half in bristles, half set-valued: below half the level nothing moves, above it the bristle winds up and holds."""
+    """Half in bristles, half set-valued: below half the level nothing moves; above, the bristle winds up and holds."""
     arm = build("paper", effects=MEMORY)
     share = {f"presliding_share_{j}": 0.5 for j in (1, 2)}
     c = arm.prepare(**share)
