@@ -1,11 +1,13 @@
-"""Closed-loop replay: the controller that drove the machine drives the model, from the logged reference and the simulated encoders.
+"""Closed-loop replay: the controller that drove the machine drives the model, from the logged reference and the
+simulated encoders.
 
 controller.toml states for every joint the cascade of a position loop in a velocity loop,
 
     command = torque_scale · clip(kv (kp (reference − position) − velocity), ± limit)
 
-with the velocity as the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average. Source: Janot, Gautier,
-Brunot, Data set and reference models of EMPS (2019), 1.3 and Fig. 2, where the average is over two rows.
+with the velocity as the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average.
+Source: Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), 1.3 and Fig. 2, where the average is over
+two rows.
 """
 
 from __future__ import annotations
@@ -32,8 +34,8 @@ _MOST_SAMPLES = 1000
 
 @dataclass(frozen=True)
 class Law:
-    """The law of one joint: ``kp`` 1/s, ``kv`` in the command's unit a rad/s (m/s) before ``torque_scale``, ``limit`` of the command
-    before it, ``encoder`` "joint" or "motor" (its angle over the ratio)."""
+    """The law of one joint: ``kp`` 1/s, ``kv`` in the command's unit a rad/s (m/s) before ``torque_scale``, ``limit``
+    of the command before it, ``encoder`` "joint" or "motor" (its angle over the ratio)."""
 
     kp: float
     kv: float
@@ -95,7 +97,8 @@ def _law(where: str, table: Mapping[str, Any], problems: list[str]) -> Law | Non
 def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.inf) -> Replay:
     """Replay ``log`` with ``laws`` closing the loop around ``arm``; by default the whole log is one window.
 
-    The result's columns hold the commands too. Raises LogError where the log has no reference, PlantError for laws that do not fit.
+    The result's columns hold the commands too. Raises LogError where the log has no reference, PlantError for laws that
+    do not fit.
     """
     check(arm, log)
     _fits(arm, log, laws)
@@ -113,8 +116,8 @@ def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.
     lost = np.flatnonzero(~np.isfinite(states).all(1))
     if len(lost):
         raise PlantError(
-            f"{log.source}: the closed loop left all bounds by {log.time[lost[0]]:.4g} s; check signs, units and torque_scale of the "
-            "controller."
+            f"{log.source}: the closed loop left all bounds by {log.time[lost[0]]:.4g} s; check signs, units and "
+            "torque_scale of the controller."
         )
     note = f"The stated law closes the loop in {len(starts)} window(s); logged commands are not used."
     return _with_commands(compare(arm, log, states, inputs, starts, [note]), arm, log, inputs)
@@ -133,7 +136,8 @@ def _fits(arm: Arm, log: Log, laws: tuple[Law, ...]) -> None:
 
 
 class _Joint:
-    """One joint's law at work: its encoder's readings so far (as measured before the window), in rad or m at the joint."""
+    """One joint's law at work: its encoder's readings so far (as measured before the window), in rad or m at the
+    joint."""
 
     def __init__(self, arm: Arm, log: Log, j: int, law: Law) -> None:
         ratio = arm.parameters[f"ratio_{j}"]

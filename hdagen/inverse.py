@@ -1,9 +1,12 @@
-"""Force error of the inverse dynamics: the input that the model asks for along the measured motion, against what was commanded.
+"""Force error of the inverse dynamics: the input that the model asks for along the measured motion, against what was
+commanded.
 
-The motion is low-passed without lag (Butterworth of order 4, forwards and backwards, at 5 times the bandwidth) and differentiated by
-central differences; measured and modelled input are then low-passed alike and thinned out, to 2 times the bandwidth.
+The motion is low-passed without lag (Butterworth of order 4, forwards and backwards, at 5 times the bandwidth) and
+differentiated by central differences; measured and modelled input are then low-passed alike and thinned out, to 2 times
+the bandwidth.
 
-Source: Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), 3.1, 3.2 and (11); Gautier, Proc. IEEE ICRA (1997) 1801.
+Source: Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), 3.1, 3.2 and (11); Gautier, Proc. IEEE
+ICRA (1997) 1801.
 """
 
 from __future__ import annotations
@@ -24,8 +27,8 @@ KEPT = 0.8  # share of the thinned rate's Nyquist frequency up to which the seco
 
 @dataclass(frozen=True, eq=False)
 class ForceError:
-    """``relative`` (n): norm of modelled less measured input, as a share of the measured one's. ``time`` (K,), ``measured`` and
-    ``modelled`` (K, n) in the input's unit (A, or N m and N), after the filters."""
+    """``relative`` (n): norm of modelled less measured input, as a share of the measured one's. ``time`` (K,),
+    ``measured`` and ``modelled`` (K, n) in the input's unit (A, or N m and N), after the filters."""
 
     relative: Array
     time: Array
@@ -46,12 +49,13 @@ def force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = BANDWIDTH)
         )
     grid = even(log.time)
     rate = 1.0 / grid.period
+    least = 10 * bandwidth / KEPT
     factor = round(KEPT * rate / 2 / (2 * bandwidth))
-    if factor < 2 or len(grid.time) < 40 * factor:
+    if rate < least or len(grid.time) < 40 * factor:
         raise LogError(
             [
-                f"{log.source}: {len(log)} rows at {rate:.4g} Hz are too few for the force error of a loop of {bandwidth:g} Hz; it needs "
-                f"{5 * bandwidth / KEPT * 2:g} Hz or more, and {40 * max(factor, 2)} rows."
+                f"{log.source}: {len(log)} rows at {rate:.4g} Hz are too few for the force error of a loop of "
+                f"{bandwidth:g} Hz; it needs {least:g} Hz or more, and {40 * max(factor, 2)} rows."
             ]
         )
     b, a = butter(ORDER, 5 * bandwidth / (rate / 2))

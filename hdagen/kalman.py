@@ -1,14 +1,16 @@
 """The state of the arm at given rows, from what was measured up to each of them and nothing later.
 
-A bank of extended Kalman filters runs over the last rows before each instant, the filters of all instants side by side. In a filter
-the model is driven by the log's inputs, by an extra torque at every motor and every flexible link, and, where a flexible joint has
-two encoders, by an error of the joint's one; these come and go (Ornstein-Uhlenbeck processes). The filters of a bank differ in how
-large they may be, and the one that predicted the rows best is taken: a model that is right is used to the full, one that is wrong, or
-an encoder that is late, hardly bends the state. Extra torque and error end with the filter; a replay knows nothing of them.
+A bank of extended Kalman filters runs over the last rows before each instant, the filters of all instants side by side.
+In a filter the model is driven by the log's inputs, by an extra torque at every motor and every flexible link, and,
+where a flexible joint has two encoders, by an error of the joint's one; these come and go (Ornstein-Uhlenbeck
+processes). The filters of a bank differ in how large they may be, and the one that predicted the rows best is taken: a
+model that is right is used to the full, one that is wrong, or an encoder that is late, hardly bends the state. Extra
+torque and error end with the filter; a replay knows nothing of them.
 
-Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 10.3 (extended filter), 8.2
-(coloured noise) and 11.6.2 (static multiple-model estimator). Dry friction is the model's own and set-valued in the mean; its slope is
-left out of the covariance, where a joint at rest is as free to move as one in motion.
+Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 10.3 (extended
+filter), 8.2 (coloured noise) and 11.6.2 (static multiple-model estimator). Dry friction is the model's own and
+set-valued in the mean; its slope is left out of the covariance, where a joint at rest is as free to move as one in
+motion.
 """
 
 from __future__ import annotations
@@ -20,12 +22,12 @@ import numpy as np
 
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.readings import Readings, complete, full_torque, full_torsion, mechanical
+from hdagen.readings import BEYOND, Readings, Rows, complete, full_torque, full_torsion, mechanical, within
 
 HORIZON = 0.15  # s of rows that the filters see: a few times the memory of the most trusting one
 FEWEST, MOST = 12, 400  # rows of it
-# Standard deviations in each filter: of a motor's extra torque as a share of its input's bound, and of the joint encoder's error as
-# a share of the torsion at the torque of that bound.
+# Standard deviations in each filter: of a motor's extra torque as a share of its input's bound, and of the joint
+# encoder's error as a share of the torsion at the torque of that bound.
 FILTERS = np.array(
     [(1e-2, 10), (1e-4, 10), (1e-2, 0.1), (1e-4, 0.1), (1e-6, 0), (1e-5, 0), (1e-4, 0), (1e-3, 0), (1e-2, 0), (1e-1, 0)]
 )  # the first is where the first row is linearised: it believes the least
@@ -34,16 +36,15 @@ MEMORY = 0.1  # s, over which extra torque and error come and go
 BURN_IN = 1 / 3  # share of the horizon in which a filter is not judged: it still forgets how it was begun
 SLOPE = 8  # rows of the straight line that begins a filter
 TOGETHER = 256  # instants filtered at once
-DOUBT = 0.2  # of a side of the gear that no channel shows: share of the torsion at full torque, and a hundred times that a second
+DOUBT = 0.2  # of a side of the gear that no channel shows: share of the torsion at full torque; 100 times that a second
 FREE = 6.0  # widths of the smooth sign from standstill, from where dry friction has no slope
-BEYOND = 100.0  # times the bound of a state at which a filter is lost
 
 
-def estimate(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Array, hidden: Array) -> Array:
+def estimate(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Rows, hidden: Array) -> Array:
     """The state (S, nx) at each of ``rows`` (S, increasing, above 0), with ``inputs`` (T, nu) held from row to row.
 
-    ``hidden`` (T, nx less positions and velocities): the effects' own states; read where a horizon begins, from where the filters
-    carry them on. NaN where no filter stayed within the bounds.
+    ``hidden`` (T, nx less positions and velocities): the effects' own states; read where a horizon begins, from where
+    the filters carry them on. NaN where no filter stayed within the bounds.
     """
     back = int(np.clip(round(HORIZON / log.period), FEWEST, MOST))
     bank = Bank(arm, readings)
@@ -56,7 +57,7 @@ def estimate(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Array,
     return out
 
 
-def _groups(rows: Array, back: int) -> Iterator[slice]:
+def _groups(rows: Rows, back: int) -> Iterator[slice]:
     """Rows that have a whole horizon before them together, the first ones each alone."""
     whole = int(np.searchsorted(rows, back))
     yield from (slice(k, k + 1) for k in range(whole))
@@ -64,8 +65,9 @@ def _groups(rows: Array, back: int) -> Iterator[slice]:
 
 
 class Bank:
-    """The filters of one arm. Shapes: W instants, L filters, M channels; D entries of a filter's state: m positions and velocities as
-    in x, then the extra torques of motors and of flexible links (as accelerations), then the errors of joint encoders."""
+    """The filters of one arm. Shapes: W instants, L filters, M channels; D entries of a filter's state: m positions and
+    velocities as in x, then the extra torques of motors and of flexible links (as accelerations), then the errors of
+    joint encoders."""
 
     def __init__(self, arm: Arm, readings: Readings) -> None:
         self.arm, self.readings = arm, readings
@@ -93,15 +95,15 @@ class Bank:
             for side, size in (("motor", abs(p[f"ratio_{j}"])), ("joint", 1.0)):
                 self.doubt[arm.index(f"{side}_position_{j}")] = DOUBT * twist[j - 1] * size
                 self.doubt[arm.index(f"{side}_velocity_{j}")] = 100 * DOUBT * twist[j - 1] * size
-        self.limit = BEYOND * np.array([slot["bound"] for slot in arm.manifest["state"]])
+        self.vague = BEYOND * np.array([slot["bound"] for slot in arm.manifest["state"]])[: self.m]
         self.read = np.zeros((len(readings.names), self.D))
         self.read[range(len(readings.names)), readings.places] = readings.factors
         for k, j in enumerate(self.doubly, self.D - len(self.doubly)):
             self.read[readings.outputs.index(("joint_position", j)), k] = 1.0
 
-    def run(self, time: Array, inputs: Array, rows: Array, span: int, noise: Array, hidden: Array) -> Array:
+    def run(self, time: Array, inputs: Array, rows: Rows, span: int, noise: Array, hidden: Array) -> Array:
         """The states (W, nx) at ``rows`` from the ``span`` rows before each, with ``noise`` (W, M) of the channels."""
-        row = rows - span
+        arm, row = self.arm, rows - span
         x, extra, P = self._begin(time, row, rows, noise)
         x[..., self.m :] = hidden[:, None]
         begun, score, told = x.copy(), np.zeros(x.shape[:2]), np.zeros(x.shape[:2])
@@ -109,7 +111,7 @@ class Bank:
             for k in range(1, span + 1):
                 self._advance(x, extra, P, inputs[row], time[row + 1] - time[row], told.argmax(1))
                 doubt = np.sqrt(np.abs(P[..., range(self.m), range(self.m)]))
-                lost = ~((np.abs(x) < self.limit).all(-1) & (doubt < self.limit[: self.m]).all(-1))
+                lost = ~(within(arm, x) & (doubt < self.vague).all(-1))
                 score[lost], x[lost], extra[lost], P[lost] = -np.inf, begun[lost], 0.0, 0.0
                 row = row + 1
                 likely = self._correct(x, extra, P, self.readings.measured[row], noise**2)
@@ -121,8 +123,9 @@ class Bank:
         chosen[np.isneginf(score.max(1)) | ~np.isfinite(chosen).all(1)] = np.nan
         return chosen
 
-    def _begin(self, time: Array, row: Array, last: Array, noise: Array) -> tuple[Array, Array, Array]:
-        """State (W, L, nx), extra (W, L, D − m) and covariance (W, L, D, D) at ``row``; no row after ``last`` is read."""
+    def _begin(self, time: Array, row: Rows, last: Rows, noise: Array) -> tuple[Array, Array, Array]:
+        """State (W, L, nx), extra (W, L, D − m) and covariance (W, L, D, D) at ``row``; no row after ``last`` is
+        read."""
         W, L = len(row), len(FILTERS)
         x, P = self._line(time, row, last, noise, set())
         x, P = np.repeat(x[:, None], L, 1), np.repeat(P[:, None], L, 1)
@@ -141,9 +144,9 @@ class Bank:
                 P[:, self.split, q, k] = P[:, self.split, k, q] = -(self.doubt[q] ** 2)
         return x, extra, P
 
-    def _line(self, time: Array, row: Array, last: Array, noise: Array, ignored: set[int]) -> tuple[Array, Array]:
-        """State (W, nx) and covariance (W, D, D) at ``row``: positions as measured, velocities of a straight line through the rows
-        that follow; the states ``ignored`` follow from the others."""
+    def _line(self, time: Array, row: Rows, last: Rows, noise: Array, ignored: set[int]) -> tuple[Array, Array]:
+        """State (W, nx) and covariance (W, D, D) at ``row``: positions as measured, velocities of a straight line
+        through the rows that follow; the states ``ignored`` follow from the others."""
         s = self.readings
         rows = np.minimum(row[:, None] + np.arange(SLOPE), last[:, None])
         t = time[rows] - time[row][:, None]
@@ -167,7 +170,8 @@ class Bank:
         return complete(self.arm, x, known), P
 
     def _advance(self, x: Array, extra: Array, P: Array, u: Array, dt: Array, best: Array) -> None:
-        """All filters from one row to the next, ``dt`` (W) later, in place; linearised where the ``best`` (W) filter is."""
+        """All filters from one row to the next, ``dt`` (W) later, in place; linearised where the ``best`` (W) filter
+        is."""
         arm, (W, L) = self.arm, x.shape[:2]
         steps = max(1, math.ceil(dt.max() / arm.step_size - 1e-9))
         h = dt / steps

@@ -6,20 +6,23 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen.channels import describe
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 
+Rows = NDArray[np.intp]
 RECENT = 2000  # rows before an instant from which a channel's noise is read where robot.toml states no resolution
+BEYOND = 100.0  # times the speed that a state is meant for, from where it is no state of the arm
 _LEAST = 1e-9  # rad or m, of noise: a channel that has not moved yet shows none
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """The channels, M of them, joint after joint, motor before joint: ``measured`` (T, M); for each its name, the output of the arm
-    that it shows (name, joint), the state that it reads and the factor it reads it with, and the standard deviation of its noise as
-    the robot file's resolution gives it (0: not stated)."""
+    """The channels, M of them, joint after joint, motor before joint: ``measured`` (T, M); for each its name, the
+    output of the arm that it shows (name, joint), the state that it reads and the factor it reads it with, and the
+    standard deviation of its noise as the robot file's resolution gives it (0: not stated)."""
 
     names: tuple[str, ...]
     outputs: tuple[tuple[str, int], ...]
@@ -80,6 +83,13 @@ def mechanical(arm: Arm) -> int:
     return 2 * (arm.n + len(arm.manifest["flexible"]))
 
 
+def within(arm: Arm, x: Array) -> NDArray[np.bool_]:
+    """Which states (…, nx) are finite and no faster than a hundred times what the model is meant for."""
+    places = [k for k, name in enumerate(arm.state_names) if "velocity" in name]
+    limits = BEYOND * np.array([arm.manifest["state"][k]["bound"] for k in places])
+    return np.asarray(np.isfinite(x).all(-1) & (np.abs(x[..., places]) < limits).all(-1))
+
+
 def full_torsion(arm: Arm) -> Array:
     """Torsion (n) at the largest input that the model is meant for, rad (or m); 0 in a rigid drive."""
     return np.abs(arm.evaluate("torsion", joint_torque=full_torque(arm))["torsion"])
@@ -99,8 +109,8 @@ def torque_per_input(arm: Arm) -> Array:
 
 
 def complete(arm: Arm, x: Array, known: set[int]) -> Array:
-    """``x`` (W, nx), with what is not ``known`` on one side of a flexible gear taken from the other side, in place: the torsion is
-    that at rest under gravity."""
+    """``x`` (W, nx), with what is not ``known`` on one side of a flexible gear taken from the other side, in place: the
+    torsion is that at rest under gravity."""
     sides = {j: (arm.index(f"motor_position_{j}"), arm.index(f"joint_position_{j}")) for j in arm.manifest["flexible"]}
     for j, (motor, joint) in sides.items():
         if joint not in known:

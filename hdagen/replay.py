@@ -1,7 +1,8 @@
 """Replay: a log simulated again, window after window, from what was commanded and pushed.
 
-Each window starts at the state that the measurements up to its first row give (`hdagen.start`); inside a window nothing measured
-counts. Row k's command is held to row k + 1; friction sticks exactly; the effects' own states go on from window to window.
+Each window starts at the state that the measurements up to its first row give (`hdagen.start`); inside a window nothing
+measured counts. Row k's command is held to row k + 1; friction sticks exactly; the effects' own states go on from
+window to window.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from hdagen.channels import describe
 from hdagen.kalman import estimate
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import Readings, mechanical
+from hdagen.readings import Readings, Rows, mechanical, within
 
 WINDOW = 0.25  # s
 INPUTS = ("command", "measured")
 _ROUNDING = 1e-9  # of a window: a row that lies a rounding error before a boundary starts the next one
-_FIRST = 0.03  # s of rows that tell whether a log begins in motion
+_FIRST = 0.01  # s of rows that tell whether a log begins in motion
 _MOVING = (
     4.0  # what a position has moved by then at its first speed, against noise and against what its acceleration adds
 )
@@ -34,11 +35,12 @@ _MOVING = (
 class Replay:
     """A log as the model would have written it.
 
-    ``columns``: time and, by joint, motor_current (A; motor_torque, N m, where the log has torque), motor_position (rad at the rotor)
-    and joint_position (rad or m), each (T,). ``states`` (T, nx) as the arm names them. ``errors``: root mean square of prediction
-    less measurement for each channel that the log has, in its unit; ``noise``: standard deviation of the channel's noise;
-    ``relative``: error as a share of the measurement's own root mean square. ``starts``: first rows of the windows.
-    ``beyond_law``: rows in which a torsion lay beyond the spring law. ``notes``: what a reader must know, in sentences.
+    ``columns``: time and, by joint, motor_current (A; motor_torque, N m, where the log has torque), motor_position (rad
+    at the rotor) and joint_position (rad or m), each (T,). ``states`` (T, nx) as the arm names them. ``errors``: root
+    mean square of prediction less measurement for each channel that the log has, in its unit; ``noise``: standard
+    deviation of the channel's noise; ``relative``: error as a share of the measurement's own root mean square.
+    ``starts``: first rows of the windows. ``beyond_law``: rows in which a torsion lay beyond the spring law. ``notes``:
+    what a reader must know, in sentences.
     """
 
     columns: dict[str, Array]
@@ -46,7 +48,7 @@ class Replay:
     errors: dict[str, float]
     noise: dict[str, float]
     relative: dict[str, float]
-    starts: Array
+    starts: Rows
     beyond_law: int
     notes: tuple[str, ...]
 
@@ -61,14 +63,14 @@ def replay(
     arm: Arm,
     log: Log,
     window: float = WINDOW,
-    input: str = "command",  # noqa: A002 - the contract's word
+    input: str = "command",
     with_: verdict.Verdict | str | Path | Mapping[str, Any] | None = None,
 ) -> Replay:
     """Replay ``log`` on ``arm`` in windows of ``window`` s.
 
-    ``input`` "command" or "measured": which current or torque drives the model. ``with_``: a diagnosis.json, what it holds, or its verdict;
-    the effects and base parameters go into a copy of the arm. Raises LogError where the log does not fit the arm,
-    PlantError for what cannot be done.
+    ``input`` "command" or "measured": which current or torque drives the model. ``with_``: a diagnosis.json, what it
+    holds, or its verdict; the effects and base parameters go into a copy of the arm. Raises LogError where the log does
+    not fit the arm, PlantError for what cannot be done.
     """
     notes: list[str] = []
     if with_ is not None:
@@ -88,7 +90,8 @@ def check(arm: Arm, log: Log) -> None:
     problems = []
     if log.n_joints != arm.n:
         problems.append(
-            f"{log.source}: the log has {log.n_joints} joint(s), the robot {arm.n}: take the robot's own log, or a columns.toml."
+            f"{log.source}: the log has {log.n_joints} joint(s), the robot {arm.n}: "
+            "take the robot's own log, or a columns.toml."
         )
     for j in range(1, arm.n + 1) if not problems else ():
         if f"motor_position_{j}" not in log and f"joint_position_{j}" not in log:
@@ -99,7 +102,7 @@ def check(arm: Arm, log: Log) -> None:
         raise LogError(problems)
 
 
-def window_starts(time: Array, window: float) -> Array:
+def window_starts(time: Array, window: float) -> Rows:
     """First rows of the windows: the first row at or after each multiple of ``window`` s from the log's first."""
     if not (window > 0 and (math.isinf(window) or math.isfinite(window))):
         raise PlantError(
@@ -127,7 +130,8 @@ def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
             values = values / arm.parameters.described[f"torque_constant_{j}"].nominal
         elif "current" in name and wanted == "torque":
             problems.append(
-                f"{log.source}: {name} is a current and the robot file has no torque_constant for joint {j}: state it there."
+                f"{log.source}: {name} is a current and the robot file has no torque_constant for joint {j}: "
+                "state it there."
             )
             continue
         if not name.removesuffix(f"_{j}").endswith("_command"):
@@ -166,43 +170,49 @@ def _limit(arm: Arm, j: int, name: str, current: Array) -> list[str]:
     return [f"{name} exceeds the robot file's max_current of {most:g} A in {over} row(s); the model lets it through."]
 
 
-def _predict(arm: Arm, log: Log, inputs: Array, starts: Array) -> tuple[Array, list[str]]:
+def _predict(arm: Arm, log: Log, inputs: Array, starts: Rows) -> tuple[Array, list[str]]:
     """The states (T, nx) of all windows, and notes."""
     readings, m = Readings.of(arm, log), mechanical(arm)
-    logged, remembers = readings.say_all(arm), arm.nx > m
-    states, notes = np.zeros((len(log), arm.nx)), []
     begun = np.stack([readings.state(arm, int(row)) for row in starts])
-    if logged:
-        notes.append("Windows start at the logged positions and velocities.")
-    else:
-        notes += _moves(log, readings)
-        if not remembers and len(starts) > 1:
-            begun[1:] = estimate(arm, log, readings, inputs, starts[1:], states[:, m:])
-    hidden, lost, stopped = np.zeros(arm.nx - m), 0, 0
-    for k, first in enumerate(starts):
-        end = int(starts[k + 1]) if k + 1 < len(starts) else len(log)
-        x = begun[k]
-        if logged:
-            x[m:] = hidden
-        elif remembers and k:  # the filters begin with the effects' states that the windows before have predicted
-            x = estimate(arm, log, readings, inputs, starts[k : k + 1], states[:, m:])[0]
-        if np.isnan(x).any():
-            x, lost = readings.state(arm, int(first)), lost + 1
+    if readings.say_all(arm):
+        states, stopped = _roll(arm, log, inputs, starts, begun, carry=True)
+        return states, ["Windows start at the logged positions and velocities.", *_stopped(stopped)]
+    notes, states, stopped = _moves(log, readings), np.zeros((len(log), arm.nx)), 0
+    lost = np.zeros(len(starts), bool)
+    for _ in range(1 if arm.nx == m else 2):  # the second time the filters begin with the effects' states of the first
+        if len(starts) > 1:
+            found = estimate(arm, log, readings, inputs, starts[1:], states[:, m:])
+            lost[1:] = np.isnan(found).any(1)
+            begun[1:] = np.where(lost[1:, None], begun[1:], found)
+        states, stopped = _roll(arm, log, inputs, starts, begun)
+    if lost.any():
+        notes.append(f"{lost.sum()} window(s) start at rest where they were measured: no estimate stayed finite.")
+    return states, [*notes, *_stopped(stopped)]
+
+
+def _roll(arm: Arm, log: Log, inputs: Array, starts: Rows, begun: Array, carry: bool = False) -> tuple[Array, int]:
+    """The states (T, nx) of windows that begin at ``begun`` (W, nx), and in how many the model left its bounds;
+    ``carry`` lets the effects' states of a window begin as the one before ended."""
+    states, stopped, m = np.empty((len(log), arm.nx)), 0, mechanical(arm)
+    ends = np.append(starts[1:], len(log))
+    path = begun[:1]
+    for x, first, end in zip(begun, starts, ends, strict=True):
+        if carry:
+            x[m:] = path[-1, m:]
         dt = np.diff(log.time[first : end + 1])
         path = arm.rollout(x, inputs[first : first + len(dt)], dt, exact=True) if len(dt) else x[None]
-        good = np.isfinite(path).all(1)
+        good = within(arm, path)
         if not good.all():
-            path[~good], stopped = path[int(np.argmin(good)) - 1], stopped + 1
-        states[first:end], hidden = path[: end - first], path[-1, m:]
-    if lost:
-        notes.append(
-            f"{lost} window(s) start at rest where they were measured: no estimate of the velocity stayed finite."
-        )
-    if stopped:
-        notes.append(
-            f"In {stopped} window(s) the model left all bounds and is held where it did: robot file or input is wrong."
-        )
-    return states, notes
+            last = max(int(np.argmin(good)) - 1, 0)
+            path[last + 1 :], stopped = path[last], stopped + 1
+        states[first:end] = path[: end - first]
+    return states, stopped
+
+
+def _stopped(windows: int) -> list[str]:
+    if not windows:
+        return []
+    return [f"In {windows} window(s) the model left all bounds and is held where it did: robot file or input is wrong."]
 
 
 def _moves(log: Log, readings: Readings) -> list[str]:
@@ -214,11 +224,14 @@ def _moves(log: Log, readings: Readings) -> list[str]:
     powers = np.vander(t, 3, increasing=True)
     moving = []
     for k, name in enumerate(readings.names):
-        values = readings.measured[:rows, k] - readings.measured[0, k]
-        (_, speed, bend), *_ = np.linalg.lstsq(powers, values, rcond=None)
-        if "position" in name and abs(speed) * t[-1] > _MOVING * max(
-            abs(bend) * t[-1] ** 2, readings.noise_before(rows)[k]
-        ):
+        quantity, _, j = name.rpartition("_")
+        if not quantity.endswith("position") or any(f"{side}_velocity_{j}" in log for side in ("motor", "joint")):
+            continue
+        channel = readings.measured[:, k]
+        (_, speed, bend), *_ = np.linalg.lstsq(powers, channel[:rows] - channel[0], rcond=None)
+        usual = _rms(channel[rows - 1 :] - channel[: len(channel) - rows + 1])
+        least = max(abs(bend) * t[-1] ** 2, readings.noise_before(rows)[k], _USUAL * usual)
+        if abs(speed) * t[-1] > _MOVING * least:
             moving.append(f"{name} at {speed:.3g} a second")
     if not moving:
         return []
@@ -227,7 +240,7 @@ def _moves(log: Log, readings: Readings) -> list[str]:
     ]
 
 
-def compare(arm: Arm, log: Log, states: Array, inputs: Array, starts: Array, notes: list[str]) -> Replay:
+def compare(arm: Arm, log: Log, states: Array, inputs: Array, starts: Rows, notes: list[str]) -> Replay:
     """The replay that ``states`` (T, nx) under ``inputs`` (T, nu) are, against what was measured."""
     acting = np.concatenate([_before(arm, log, inputs[:1]), inputs[:-1]])  # row k shows what was commanded a row before
     seen = arm.outputs(states, acting)

@@ -28,7 +28,8 @@ def add_parser(commands: Any) -> None:
     p = commands.add_parser(
         "replay",
         help="simulate a log again and say how far the model misses it",
-        description="Simulates a log again in short windows from what was commanded and pushed, and compares it with what was measured.",
+        description="Simulates a log again in short windows from what was commanded and pushed, and compares it with "
+        "what was measured.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,4 +1,5 @@
-"""The verdict of a diagnosis.json: effects with their parameters and re-estimated base parameters, and a model that has them."""
+"""The verdict of a diagnosis.json: effects with their parameters, re-estimated base parameters, and a model that has
+them."""
 
 from __future__ import annotations
 
@@ -20,96 +21,101 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
 @dataclass(frozen=True)
+class Named:
+    """An effect of the verdict: ``joint`` 0 is the whole arm; ``parameters`` by the model's names (``bias_2``)."""
+
+    name: str
+    joint: int
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Verdict:
-    """``effects``: (name, joint), joint 0 the whole arm; ``unknown``: joints of gaps that no effect explains; ``parameters`` of the
-    effects and ``base`` parameters by the model's names (``mass_1``); ``source`` for sentences."""
+    """``effects`` to add; ``unknown``: joints of gaps that no effect explains; ``base`` parameters by the model's names
+    (``mass_1``), without those of the effects; ``source`` for sentences."""
 
     source: str
-    effects: tuple[tuple[str, int], ...]
+    effects: tuple[Named, ...]
     unknown: tuple[int, ...]
-    parameters: Mapping[str, float]
     base: Mapping[str, float]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Those of all effects."""
+        return {name: value for effect in self.effects for name, value in effect.parameters.items()}
 
 
 def read(given: str | Path | Mapping[str, Any]) -> Verdict:
     """A diagnosis.json, or what it holds. Raises PlantError with every problem."""
     source = "diagnosis" if isinstance(given, Mapping) else str(given)
     content = given if isinstance(given, Mapping) else _load(Path(given))
-    if content.get("schema") != SCHEMA:
-        raise PlantError(
-            f"{source}: schema is {_short(content.get('schema'))}, possible is {SCHEMA}: diagnose again with this version."
-        )
+    if type(content.get("schema")) is not int or content["schema"] != SCHEMA:
+        found = _short(content.get("schema"))
+        raise PlantError(f"{source}: schema is {found}, possible is {SCHEMA}: diagnose again with this version.")
     problems: list[str] = []
-    effects, unknown = [], []
     causes = _causes(content, source, problems)
-    parameters: dict[str, float] = {}
     stated = content.get("verdict")
     if not isinstance(stated, list):
         problems.append(f"{source}, verdict: found {_short(stated)}, possible is a list of effects as name@joint.")
         stated = []
+    effects, unknown = [], []
     for entry in stated:
         match = _EFFECT.fullmatch(entry) if isinstance(entry, str) else None
         if not match:
             problems.append(
                 f"{source}, verdict: found {_short(entry)}, possible is name@joint, as stribeck_friction@2."
             )
-            continue
-        name, joint = match[1], int(match[2])
-        if name == "unknown":
-            unknown.append(joint)
-        elif (name, joint) not in causes:
-            problems.append(
-                f"{source}, causes: {entry} is in the verdict and has no entry with its parameters; diagnose again."
-            )
+        elif match[1] == "unknown":
+            unknown.append(int(match[2]))
+        elif not causes.get((match[1], int(match[2]))):
+            problems.append(f"{source}, causes: {entry} is in the verdict and has no parameters here; diagnose again.")
         else:
-            effects.append((name, joint))
-            parameters |= _numbers(
-                causes[name, joint], source, f"causes, {entry}", f"_{joint}" if joint else "", problems
-            )
-    base = _numbers(content.get("parameters", {}), source, "parameters", "", problems)
+            name, joint = match[1], int(match[2])
+            values = _numbers(causes[name, joint], f"{source}, causes, {entry}", f"_{joint}" if joint else "", problems)
+            effects.append(Named(name, joint, values))
+    base = _numbers(content.get("parameters", {}), f"{source}, parameters", "", problems)
     if problems:
         raise PlantError("\n".join(problems))
-    return Verdict(
-        source, tuple(effects), tuple(unknown), parameters, {k: v for k, v in base.items() if k not in parameters}
-    )
+    own = {name for effect in effects for name in effect.parameters}
+    return Verdict(source, tuple(effects), tuple(unknown), {k: v for k, v in base.items() if k not in own})
 
 
 def with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
-    """The model of ``robot`` with the verdict's effects in it; parameters as the robot file says. Raises PlantError."""
+    """The model of ``robot`` with the verdict's effects in it, at the robot file's parameters. Raises PlantError."""
     arm = load(robot, profile)
     _fits(arm, verdict)
-    added = tuple(sorted(_absent(arm, verdict)))
+    added = _absent(arm, verdict)
     if not added:
         return arm
     try:
         return load(robot, profile, added)
     except PlantError as error:
-        raise PlantError(f"{verdict.source}: the model cannot be built with {', '.join(added)}: {error}") from None
+        raise PlantError(f"{verdict.source}: no model can be built with {', '.join(added)}: {error}") from None
 
 
 def applied(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
     """A copy of ``arm`` with the verdict's parameters, and what there is to say. Raises PlantError."""
     _fits(arm, verdict)
-    absent = _absent(arm, verdict)
+    absent = ", ".join(f'"{name}"' for name in _absent(arm, verdict))
     if absent:
-        names = ", ".join(f'"{name}"' for name in sorted(absent))
         raise PlantError(
-            f"{verdict.source}: the model lacks {names}; load it with hdagen.load(robot, effects=({names},))."
+            f"{verdict.source}: the model lacks {absent}; load it with hdagen.load(robot, effects=({absent},))."
         )
-    names = [name for name in (*verdict.parameters, *verdict.base) if name not in arm.parameters]
-    if names:
+    described, values = arm.parameters.described, verdict.parameters
+    missing = [name for name in (*values, *verdict.base) if name not in described]
+    if missing:
         raise PlantError(
-            f"{verdict.source}: the model has no parameter {', '.join(names)}; is the diagnosis of another robot?"
+            f"{verdict.source}: the model has no parameter {', '.join(missing)}: the diagnosis is of another robot, or "
+            "of another version."
         )
     notes = [f"unknown@{joint} has no equation: nothing is added for it." for joint in verdict.unknown]
-    values = dict(verdict.parameters)
     for name, value in verdict.base.items():
-        described = arm.parameters.described[name]
-        reach = REACH * described.tolerance * abs(described.nominal)
-        values[name] = min(max(value, described.nominal - reach), described.nominal + reach)
-        if abs(values[name] - value) > 1e-9 * abs(described.nominal):
+        q = described[name]
+        reach = REACH * q.tolerance * abs(q.nominal)
+        values[name] = min(max(value, q.nominal - reach), q.nominal + reach)
+        if abs(values[name] - value) > 1e-9 * max(abs(q.nominal), abs(value)):
             notes.append(
-                f"{name}: {value:.6g} {described.unit} lies beyond {REACH:g} times its tolerance of {100 * described.tolerance:g} % "
+                f"{name}: {value:.6g} {q.unit} lies beyond {REACH:g} times its tolerance of {100 * q.tolerance:g} % "
                 f"and is taken as {values[name]:.6g}."
             )
     changed = Arm(arm.folder)
@@ -123,38 +129,31 @@ def applied(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
 
 def _fits(arm: Arm, verdict: Verdict) -> None:
     """Refuses a diagnosis of a robot with more joints."""
-    beyond = [f"{name}@{joint}" for name, joint in verdict.effects if joint > arm.n]
-    beyond += [f"unknown@{joint}" for joint in verdict.unknown if joint > arm.n]
+    stated = [(effect.name, effect.joint) for effect in verdict.effects] + [("unknown", j) for j in verdict.unknown]
+    beyond = [f"{name}@{joint}" for name, joint in stated if joint > arm.n]
     if beyond:
         raise PlantError(
-            f"{verdict.source}: {', '.join(beyond)} at a joint that {arm.robot['name']} does not have, its joints are 1 to {arm.n}: "
-            "the diagnosis is of another robot."
+            f"{verdict.source}: {', '.join(beyond)} is at a joint that {arm.robot['name']} does not have, its joints "
+            f"are 1 to {arm.n}: the diagnosis is of another robot."
         )
 
 
-def _absent(arm: Arm, verdict: Verdict) -> set[str]:
-    """The verdict's effects whose equation the model does not have: some parameter of theirs is missing."""
-    prefix = {(name, joint): f"_{joint}" if joint else "" for name, joint in verdict.effects}
+def _absent(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
+    """The verdict's effects whose equation the model lacks; one that frees parameters it has needs none."""
     present = {effect["name"] for effect in arm.manifest["effects"]}
-    known = {name for name in verdict.parameters if name in arm.parameters}
-    absent = set()
-    for (name, _), suffix in prefix.items():
-        own = [p for p in verdict.parameters if p.endswith(suffix)]
-        if name not in present and not set(own) <= known:
-            absent.add(name)
-    return absent
+    known = set(arm.parameters.described)
+    return tuple(sorted({e.name for e in verdict.effects if e.name not in present and set(e.parameters) - known}))
 
 
 def _load(path: Path) -> Mapping[str, Any]:
+    """The file as JSON reads it. Raises PlantError."""
     try:
         if path.stat().st_size > _LARGEST:
             raise PlantError(f"{path}: larger than {_LARGEST} bytes, no diagnosis is; name a diagnosis.json.")
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         why = getattr(error, "strerror", None) or str(error)[:200]
-        raise PlantError(
-            f"{path}: cannot be read as JSON ({why}); name the diagnosis.json that hdagen diagnose wrote."
-        ) from None
+        raise PlantError(f"{path}: cannot be read as JSON ({why}); name what hdagen diagnose wrote.") from None
     if not isinstance(content, dict):
         raise PlantError(f"{path}: found {_short(content)}, possible is a JSON object; name a diagnosis.json.")
     return content
@@ -165,36 +164,38 @@ def _causes(content: Mapping[str, Any], source: str, problems: list[str]) -> dic
     causes = content.get("causes", [])
     found = {}
     for k, cause in enumerate(causes if isinstance(causes, list) else [causes]):
-        if (
-            not isinstance(cause, Mapping)
-            or not isinstance(cause.get("effect"), str)
-            or type(cause.get("joint")) is not int
-        ):
+        whole = isinstance(cause, Mapping) and isinstance(cause.get("effect"), str)
+        if not whole or type(cause.get("joint")) is not int:
             problems.append(
                 f"{source}, causes[{k}]: found {_short(cause)}, possible is an object with effect and joint."
             )
-            continue
-        found[cause["effect"], cause["joint"]] = cause.get("parameters", {})
+        else:
+            found[cause["effect"], cause["joint"]] = cause.get("parameters")
     return found
 
 
-def _numbers(values: Any, source: str, where: str, suffix: str, problems: list[str]) -> dict[str, float]:
+def _numbers(values: Any, where: str, suffix: str, problems: list[str]) -> dict[str, float]:
     """``{name: {value, …}}`` or ``{name: number}`` as numbers by the model's names."""
     if not isinstance(values, Mapping):
-        problems.append(f"{source}, {where}: found {_short(values)}, possible is an object of parameters.")
+        problems.append(f"{where}: found {_short(values)}, possible is an object of parameters.")
         return {}
     found = {}
     for name, entry in values.items():
         value = entry.get("value") if isinstance(entry, Mapping) else entry
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            problems.append(f"{source}, {where}: {_short(name)} is no name of a parameter.")
-        elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            problems.append(
-                f"{source}, {where}, {name}: found {_short(value)}, possible is a finite number; diagnose again."
-            )
+            problems.append(f"{where}: {_short(name)} is no name of a parameter.")
+        elif isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value):
+            problems.append(f"{where}, {name}: found {_short(value)}, possible is a finite number; diagnose again.")
         else:
             found[name + suffix] = float(value)
     return found
+
+
+def _finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond the doubles
+        return False
 
 
 def _short(value: Any) -> str:
