@@ -16,7 +16,7 @@ PROFILES = {
     "portable": ("-O2", "-ffp-contract=off"),
     "native": ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"),
 }
-COMMON = ("-std=c99", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Wpedantic")
+COMMON = ("-std=c99", "-g0", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Wpedantic")
 INSTRUCTIONS = """
 ssse3 sse4_1 sse4_2 popcnt abm movbe adx f16c fma fma4 bmi1 bmi2 avx avx2 avx_vnni gfni vaes avx512f avx512cd avx512dq
 avx512bw avx512vl avx512ifma avx512vbmi avx512_vbmi2 avx512_vnni avx512_bitalg avx512_vpopcntdq avx512_bf16 avx512_fp16
