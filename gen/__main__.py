@@ -1,4 +1,4 @@
-"""Command line: build, list, check."""
+"""Command line: build, list, check, time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check | time")
     build = commands.add_parser(
         "build",
         help="generate and compile a robot; prints the folder",
@@ -46,13 +46,17 @@ def main(arguments: list[str] | None = None) -> int:
     )
     check.add_argument("--out", type=Path, default=Path("build"), help="where its folder would go (default: build)")
     check.add_argument("--effects", default="", help="effects to add to the model, separated by commas")
+    timed = commands.add_parser("time", help="time every function beside CasADi's interpreter and C; prints JSON")
+    timed.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
+    timed.add_argument("--rounds", type=int, default=60, help="turns of every contestant (default: 60)")
+    timed.add_argument("--out", type=Path, default=Path("build"))
     options = parser.parse_args(arguments)
     from gen.build import BuildError
     from gen.compile import CompileError
     from gen.robot import RobotError
 
     try:
-        return {"build": _build, "list": _list, "check": _check}[options.command](options)
+        return {"build": _build, "list": _list, "check": _check, "time": _time}[options.command](options)
     except RobotError as error:
         for problem in error.problems:
             print(problem, file=sys.stderr)
@@ -63,6 +67,12 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; nothing was left behind.", file=sys.stderr)
         return 130
+
+
+def _time(options: argparse.Namespace) -> int:
+    from gen.timing import command
+
+    return command(options)
 
 
 def _effects(options: argparse.Namespace) -> tuple[str, ...]:

@@ -116,6 +116,11 @@ def library(folder: Path, sources: list[str], profile: str, name: str) -> None:
         (folder / o).unlink()
 
 
+def plain_library(folder: Path, sources: list[str], name: str) -> None:
+    """A library of C that is not ours, compiled -O2 without further flags, to be timed against."""
+    _run((*find().command, "-O2", "-fPIC", "-shared", "-o", name, *sources, "-lm"), folder / name)
+
+
 def _run(command: tuple[str, ...], result: Path) -> None:
     try:
         done = subprocess.run(

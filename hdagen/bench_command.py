@@ -1,0 +1,89 @@
+"""`hdagen bench`: times, sizes and errors against the bars; exit code 1 if one is missed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hdagen.bench import Bar, Bench
+
+EXAMPLE = """example:
+  hdagen bench --quick
+ratios hold within a run; on a machine that does other things the spread says so"""
+
+
+def add_parser(commands: Any) -> None:
+    """The command's arguments."""
+    p = commands.add_parser(
+        "bench",
+        help="time every compiled function and loop beside CasADi, against the bars",
+        description="Times, sizes and errors of the compiled `paper`, beside CasADi's own in the same run.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("--quick", action="store_true", help="a tenth of the rounds; the tails say little then")
+    p.add_argument("--json", action="store_true", help="print everything as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, print, judge."""
+    from rich.console import Console
+
+    from hdagen.bench import bench
+
+    console = Console(stderr=True)
+    with console.status("starting") as status:
+        found = bench(30 if options.quick else 300, status.update)
+    if options.json:
+        print(json.dumps(asdict(found), indent=1))
+    else:
+        _print(found)
+    return 1 if any(bar.met is False for bar in found.bars) else 0
+
+
+def _print(found: Bench) -> None:
+    from rich.console import Console
+
+    console = Console(width=None if sys.stdout.isatty() else 130)  # a file has no width that a table must keep to
+    console.print(", ".join(f"{key}: {value}" for key, value in found.machine.items()))
+    console.print(_times(found))
+    console.print(_bars(found.bars))
+    missed = [bar.name for bar in found.bars if bar.met is False]
+    console.print(f"missed: {', '.join(missed)}" if missed else "every bar is met")
+
+
+def _times(found: Bench) -> Table:
+    from rich.table import Table
+
+    table = Table(title="native profile, ns a call; medians of the others in the same run")
+    table.add_column("function or loop", no_wrap=True)
+    for name in ("median", "p99", "p99.9", "largest", "of 1 ms", "portable", "CasADi C", "interpreter"):
+        table.add_column(name, justify="right")
+    for t in found.timings:
+        others = [
+            f"{t.against[who]:.0f}" if who in t.against else "" for who in ("portable", "casadi_c", "interpreter")
+        ]
+        own = [f"{value:.0f}" for value in (t.median, t.p99, t.p999, t.largest)]
+        table.add_row(t.name, *own, f"{t.share:.3%}", *others)
+    return table
+
+
+def _bars(bars: tuple[Bar, ...]) -> Table:
+    from rich.table import Table
+
+    table = Table(title="bars: median over rounds, with the range from 10 to 90 %")
+    for name in ("bar", "asked", "reached", "range", ""):
+        table.add_column(name, no_wrap=True)
+    for bar in bars:
+        asked = f"{'≥' if bar.bound == 'least' else '≤'} {bar.bar:g} {bar.unit}"
+        low, high = bar.spread
+        over = bar.reached / bar.bar if bar.bound == "most" else bar.bar / bar.reached
+        verdict = "not judged here" if bar.met is None else "met" if bar.met else f"missed by {over - 1:.0%}"
+        table.add_row(bar.name, asked, f"{bar.reached:.3g}", f"{low:.3g} to {high:.3g}", verdict)
+    return table
