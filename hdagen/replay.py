@@ -26,9 +26,8 @@ WINDOW = 0.25  # s
 INPUTS = ("command", "measured")
 _ROUNDING = 1e-9  # of a window: a row that lies a rounding error before a boundary starts the next one
 _FIRST = 0.01  # s of rows that tell whether a log begins in motion
-_MOVING = (
-    4.0  # what a position has moved by then at its first speed, against noise and against what its acceleration adds
-)
+_MOVING = 4.0  # times noise and bend of the path that the first speed must exceed by then
+_USUAL = 0.03  # share of the usual motion in as many rows that counts as none
 
 
 @dataclass(frozen=True, eq=False)
