@@ -130,7 +130,7 @@ def test_bristles_keep_1e_6_at_half_a_millisecond(build: Builder, angle: float, 
     assert np.abs(links(fine - finer)).max() < 1e-9, "the reference itself"
     assert (np.diff(np.sign(fine[100:, 4])) != 0).sum() >= 2, "no reversal"
     x = arm.rollout(arm.x(), u, c, HELD, HELD)
-    assert np.abs(links(x - fine)).max() < 1e-6
+    assert np.abs(links(x - fine)).max() < 1e-7, "1e-6 is asked, and the tolerance is chosen for a tenth of it"
     assert np.abs(fine[:, 8:]).max() <= 1.0 + 1e-9
 
 
