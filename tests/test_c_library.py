@@ -21,6 +21,7 @@ from graphs import toml
 from stub_compiler import stub_compiler
 
 from gen import build as builds
+from gen.compile import PROFILES as COMPILED
 from gen.compile import flags
 
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
@@ -228,6 +229,16 @@ def test_cpp_includes_the_headers_and_links(sources: Sources, cxx: str, tmp_path
     command = [compiler(cxx), "-std=c++11", *STRICT, "-I", str(folder), "main.cpp", *objects, "-o", "main", "-lm"]
     run(command, tmp_path)
     run([str(tmp_path / "main")], tmp_path)
+
+
+def test_the_manual_shows_c_that_compiles_and_the_flags_that_are_used(sources: Sources, tmp_path: Path) -> None:
+    manual = (Path(__file__).parents[1] / "docs" / "build.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```c\n(.*?)```", manual, re.DOTALL)
+    (tmp_path / "shown.c").write_text(f'#include "hda.h"\nint main(void) {{\n{shown}return 0;\n}}\n')
+    command = [compiler("gcc"), "-std=c99", *STRICT, "-I", str(sources("R", "portable")), "-fsyntax-only", "shown.c"]
+    assert run(command, tmp_path) == ""
+    for profile, used in COMPILED.items():
+        assert f"| `{profile}` | `{' '.join(used)}` |" in manual
 
 
 # -- the module's manners ---------------------------------------------------------------------------------------------
