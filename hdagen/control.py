@@ -117,7 +117,7 @@ class Controller:
         for name, value in {**gains, "period": guard.period}.items():
             if name not in wanted:
                 problems.append(f"{self.law}: no gain named {name}; there are {', '.join(wanted)}.")
-            elif name == "period" and gains.get("period", guard.period) != guard.period:
+            elif name == "period" and name in gains and gains[name] != guard.period:
                 problems.append(
                     f"{self.law}: the period is the guard's, {guard.period} s; give it in Guard(period=...)."
                 )
@@ -178,12 +178,12 @@ class Controller:
             chosen = stated[name] if given is None else list(np.atleast_1d(given)) or [0.0] * n
             if len(chosen) == n and all(is_number(value) for value in chosen):
                 values += chosen
-            elif given is None:
+            elif given is None and name in sources:
                 problems.append(
                     f"{name}: the robot file states no {sources[name]} for every joint; "
                     f"give {n} values in Guard({name}=...)."
                 )
-            else:
+            elif given is not None:  # a jump that the robot file gives is wrong only with its period, named above
                 problems.append(f"{name} takes {n} numbers, one a joint, not {given}.")
         if problems:
             return np.empty(0)

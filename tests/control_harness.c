@@ -1,0 +1,172 @@
+/* The controller from C: null pointers, refused configurations, memory in refused ticks, and 2e4 hostile ticks a law under a
+ * count of allocations. Prints one line of what went wrong and returns 1, or prints the number of ticks. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "hda_control.h"
+#include <string.h>
+
+enum { TICKS = 20000 };
+
+extern void *__libc_malloc(size_t), *__libc_calloc(size_t, size_t), *__libc_realloc(void *, size_t);
+static long allocations;
+void *malloc(size_t n) { allocations++; return __libc_malloc(n); }
+void *calloc(size_t n, size_t m) { allocations++; return __libc_calloc(n, m); }
+void *realloc(void *p, size_t n) { allocations++; return __libc_realloc(p, n); }
+
+#define DEMAND(condition) \
+    do { if (!(condition)) { printf("line %d: %s\n", __LINE__, #condition); exit(1); } } while (0)
+
+static hda_controller k, before;
+static uint64_t seed = 88172645463325252u;
+
+static uint64_t bits(void) {
+    seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
+    return seed;
+}
+
+static double uniform(void) { return (double)(bits() >> 11) / 9007199254740992.0; }
+
+/* A number that nobody would send: any bits, or one of the famous ones. */
+static double hostile(void) {
+    static const double famous[] = {NAN, INFINITY, -INFINITY, 1e308, -1e308, 5e-324, 0.0, -0.0};
+    const uint64_t any = bits();
+    double out;
+    memcpy(&out, &any, sizeof out);
+    return bits() % 2 ? out : famous[bits() % 8];
+}
+
+static hda_guard_config legal(double period) {
+    hda_guard_config c = {0};
+    c.version = HDA_GUARD_VERSION, c.size = sizeof c, c.joints = HDA_N, c.safe = HDA_SAFE_DAMPING;
+    c.stale_stamp_ticks = 5, c.stale_bits_ticks = HDA_NEVER;
+    c.period = period, c.period_min = period / 2, c.period_max = 2 * period, c.watchdog = 20 * period;
+    c.force_limit = HDA_UNLIMITED;
+    for (int j = 0; j < HDA_N; j++) {
+        c.torque_limit[j] = 0.8, c.torque_rate[j] = 50, c.motor_jump[j] = 1, c.joint_jump[j] = 0.01;
+        c.safe_damping[j] = 2e-3;
+    }
+    return c;
+}
+
+static void nulls(const double *p, const double *gains, const hda_guard_config *config) {
+    hda_measurement m = {0};
+    double reference[HDA_REFERENCE_MOST] = {0}, torque[HDA_N];
+    DEMAND(hda_controller_configure(NULL, 0, p, gains, config) == HDA_CONTROL_CALL);
+    DEMAND(hda_controller_configure(&k, 0, NULL, gains, config) == HDA_CONTROL_CALL);
+    DEMAND(hda_controller_configure(&k, 0, p, NULL, config) == HDA_CONTROL_CALL);
+    DEMAND(hda_controller_configure(&k, 0, p, gains, NULL) == HDA_CONTROL_CALL);
+    DEMAND(hda_controller_recover(NULL, 0, &m) == HDA_CONTROL_CALL);
+    for (int j = 0; j < HDA_N; j++) torque[j] = NAN;
+    DEMAND(hda_controller_tick(NULL, 0, &m, reference, torque) == HDA_FAULT_CONTEXT);
+    for (int j = 0; j < HDA_N; j++) DEMAND(torque[j] == 0);
+    torque[0] = NAN; /* a context of zeros is not configured */
+    DEMAND(hda_controller_tick(&k, 0, &m, reference, torque) == HDA_FAULT_UNCONFIGURED && torque[0] == 0);
+    DEMAND(hda_controller_configure(&k, 0, p, gains, config) == 0);
+    DEMAND(hda_controller_tick(&k, 1, NULL, reference, torque) == HDA_FAULT_CALL && hda_finite(torque[0]));
+    DEMAND(hda_controller_tick(&k, 1.001, &m, NULL, torque) == HDA_FAULT_CALL && hda_finite(torque[0]));
+    DEMAND(hda_controller_tick(&k, 1.002, &m, reference, NULL) == HDA_FAULT_CALL);
+    memset(&k, 0, sizeof k);
+}
+
+/* Everything that may be wrong is refused, and no byte of the context changes. */
+static void refusals(int law, const double *p, const double *gains, const hda_guard_config *config, int gain_count) {
+    double wrong[HDA_GAINS_MOST], parameters[HDA_NP];
+    hda_guard_config bad = *config;
+    DEMAND(hda_controller_configure(&k, law, p, gains, config) == 0);
+    before = k;
+    for (int i = 1; i < gain_count; i++) {
+        static const double values[] = {NAN, INFINITY, -1, 1e300};
+        for (int v = 0; v < 4; v++) {
+            memcpy(wrong, gains, sizeof wrong);
+            wrong[i] = values[v];
+            DEMAND(hda_controller_configure(&k, law, p, wrong, config) == HDA_CONTROL_GAIN);
+        }
+    }
+    memcpy(parameters, p, sizeof parameters);
+    parameters[HDA_NP - 1] = NAN;
+    DEMAND(hda_controller_configure(&k, law, parameters, gains, config) == HDA_CONTROL_PARAMETER);
+    DEMAND(hda_controller_configure(&k, -1, p, gains, config) == HDA_CONTROL_LAW);
+    DEMAND(hda_controller_configure(&k, 99, p, gains, config) == HDA_CONTROL_LAW);
+    bad.safe = HDA_SAFE_UNSET;
+    DEMAND(hda_controller_configure(&k, law, p, gains, &bad) == HDA_CONFIG_SAFE);
+    bad = legal(1.0); /* longer than the gain `period` may be */
+    DEMAND(hda_controller_configure(&k, law, p, gains, &bad) == HDA_CONTROL_GAIN);
+    DEMAND(memcmp(&k, &before, sizeof k) == 0);
+}
+
+static void storm(const hda_guard_config *config, int reference_count) {
+    hda_measurement m = {0};
+    double reference[HDA_REFERENCE_MOST] = {0}, torque[HDA_N], last[HDA_N] = {0}, now = 1;
+    int refused = 0, ran = 0, recovered = 0;
+    const long start = allocations;
+    for (int i = 0; i < TICKS; i++) {
+        now += config->period * (bits() % 2000 ? 1 : 3 * uniform() - 0.5);
+        m.stamp = bits() % 50 ? now : m.stamp;
+        for (int j = 0; j < HDA_N; j++) {
+            m.motor_position[j] += 0.2 * (uniform() - 0.5), m.joint_position[j] += 2e-3 * (uniform() - 0.5);
+            m.motor_velocity[j] = 100 * (uniform() - 0.5);
+        }
+        m.tip_force[0] = 200 * (uniform() - 0.5), m.tip_force[1] = 200 * (uniform() - 0.5);
+        for (int r = 0; r < reference_count; r++) reference[r] = 20 * (uniform() - 0.5);
+        hda_measurement given = m;
+        if (bits() % 2000 == 0) ((double *)&given)[bits() % (sizeof m / sizeof(double))] = hostile();
+        if (bits() % 2000 == 0) reference[bits() % (uint64_t)reference_count] = hostile();
+        const int was = k.started;
+        memcpy(before.state, k.state, sizeof k.state);
+        for (int j = 0; j < HDA_N; j++) torque[j] = NAN;
+        const int status = hda_controller_tick(&k, bits() % 3000 ? now : hostile(), &given, reference, torque);
+        for (int j = 0; j < HDA_N; j++) {
+            const double step = config->torque_rate[j] * config->period * (1 + 1e-12);
+            DEMAND(hda_finite(torque[j]) && fabs(torque[j]) <= config->torque_limit[j]);
+            DEMAND(fabs(torque[j] - last[j]) <= step);
+            last[j] = torque[j];
+        }
+        const int moved = memcmp(before.state, k.state, sizeof k.state) != 0;
+        if (was) DEMAND(moved == (status >= 0)); /* a refused tick leaves the memory alone, any other advances it */
+        refused += status < 0, ran += status >= 0;
+        if (status < 0 && bits() % 4 == 0) {
+            hda_fault fault;
+            hda_guard_read(&k.guard, &fault);
+            m.stamp = now + 1e-5;
+            if (hda_controller_recover(&k, now + 1e-5, &m) == 0) {
+                DEMAND(!k.started);
+                recovered++;
+            }
+        }
+        if (bits() % 2000 == 0) {
+            const int seen = hda_guard_watchdog(&k.guard, now + (bits() % 2 ? 0 : 1), torque);
+            for (int j = 0; j < HDA_N; j++) {
+                DEMAND(hda_finite(torque[j]) && fabs(torque[j] - last[j]) <= config->torque_rate[j] * config->period * (1 + 1e-12));
+                last[j] = torque[j];
+            }
+            refused += seen < 0;
+        }
+    }
+    DEMAND(allocations == start);
+    DEMAND(refused > TICKS / 10 && ran > TICKS / 10 && recovered > 5); /* all of it happened */
+}
+
+#define COUNTS(name, gains, reference, memory) {gains, reference},
+
+/* argv: the file of p, then each law's gains in the order of hda_laws.h, as doubles */
+int main(int argc, char **argv) {
+    static const int counts[][2] = {HDA_LAW_LIST(COUNTS)};
+    const int laws = (int)(sizeof counts / sizeof *counts);
+    static double p[HDA_NP], gains[HDA_GAINS_MOST];
+    FILE *file = argc > 1 ? fopen(argv[1], "rb") : NULL;
+    const hda_guard_config config = legal(1e-3);
+    DEMAND(file && fread(p, sizeof *p, HDA_NP, file) == HDA_NP);
+    for (int law = 0; law < laws; law++) {
+        DEMAND(fread(gains, sizeof *gains, (size_t)counts[law][0], file) == (size_t)counts[law][0]);
+        memset(&k, 0, sizeof k);
+        nulls(p, gains, &config);
+        refusals(law, p, gains, &config, counts[law][0]);
+        storm(&config, counts[law][1]);
+    }
+    fclose(file);
+    for (int status = -400; status <= 20; status++) DEMAND(strlen(hda_controller_sentence(status)) > 10);
+    printf("%d\n", laws * TICKS);
+    return 0;
+}
