@@ -64,7 +64,7 @@ def _array(values: Iterable[float]) -> str:
 
 
 def _widths(model: Model) -> Iterator[float]:
-    """A size of every entry of x, u and p, for differences where it is 0; wide for u, in which a step is nearly linear."""
+    """A size of every entry of x, u and p, for differences where it is 0; wide for u, where a step is nearly linear."""
     yield from (0.01 * slot.bound for slot in model.x_slots)
     yield from (slot.bound for slot in model.u_slots)
     for q in model.quantities:

@@ -156,8 +156,9 @@ def _theirs(library: ctypes.CDLL, name: str, inputs: list[Any], outputs: list[An
 
 def _interpreted(graph: ca.Function, inputs: list[Any], outputs: list[Any]) -> Callable[[], None]:
     mapped = graph.map(CALLS, "serial")
-    buffer, call = mapped.buffer()
-    kept = [np.ascontiguousarray(np.broadcast_to(a, (CALLS, a.shape[-1]))) for a in inputs]
+    pair: Any = mapped.buffer()  # CasADi's own annotations of it are wrong
+    buffer, call = pair
+    kept: list[Any] = [np.ascontiguousarray(np.broadcast_to(a, (CALLS, a.shape[-1]))) for a in inputs]
     for i, a in enumerate(kept):
         buffer.set_arg(i, memoryview(a).cast("B").cast("d"))
     for i, a in enumerate(outputs):

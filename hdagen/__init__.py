@@ -1,7 +1,28 @@
 """Robot arms with harmonic drives: compiled models to simulate, control and replay."""
 
+from hdagen.control import Controller, Fault, Guard, Safe
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, Parameter, PlantError, StepJacobians, load
+from hdagen.reference import Reference, circle
+from hdagen.simulate import Push, Sensors, Simulation, simulate
 
-__all__ = ["Arm", "Log", "LogError", "Parameter", "PlantError", "StepJacobians", "load"]
+__all__ = [
+    "Arm",
+    "Controller",
+    "Fault",
+    "Guard",
+    "Log",
+    "LogError",
+    "Parameter",
+    "PlantError",
+    "Push",
+    "Reference",
+    "Safe",
+    "Sensors",
+    "Simulation",
+    "StepJacobians",
+    "circle",
+    "load",
+    "simulate",
+]
 __version__ = "0.1.0"

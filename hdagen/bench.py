@@ -102,7 +102,8 @@ def _raced(rounds: int) -> dict[str, dict[str, list[float]]]:
 def _timing(name: str, values: Any, all_of: dict[str, list[float]]) -> Timing:
     v = np.asarray(values, float)
     against = {who: float(np.median(times)) for who, times in all_of.items()}
-    return Timing(name, float(np.median(v)), *(float(np.percentile(v, q)) for q in (99, 99.9)), float(v.max()), against)
+    p99, p999 = (float(value) for value in np.percentile(v, [99, 99.9]))
+    return Timing(name, float(np.median(v)), p99, p999, float(v.max()), against)
 
 
 def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
