@@ -101,8 +101,8 @@ def test_every_measured_and_wanted_number_must_be_finite(arm: Arm, law: str, val
         ("HDA_FAULT_TIME_FINITE", {"after": np.nan}),
         ("HDA_FAULT_TIME_FINITE", {"stamp": np.inf}),
         ("HDA_FAULT_STAMP_BACKWARD", {"stamp": 1.0}),
-        ("HDA_FAULT_MOTOR_JUMP", {"motor_position": 100 * Q + [0.0, 2.0]}),
-        ("HDA_FAULT_JOINT_JUMP", {"joint_position": Q + [0.05, 0.0]}),
+        ("HDA_FAULT_MOTOR_JUMP", {"motor_position": 100 * Q + np.array([0.0, 2.0])}),
+        ("HDA_FAULT_JOINT_JUMP", {"joint_position": Q + np.array([0.05, 0.0])}),
         ("HDA_FAULT_RESULT_FINITE", {"tip_force": [1e308, -1e308]}),
     ],
 )
