@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+import sysconfig
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,8 @@ def opened(folder: Path) -> tuple[dict[str, Any], Any]:
         raise PlantError(
             f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}"
         )
+    if sysconfig.get_config_var("Py_GIL_DISABLED"):
+        raise PlantError("free-threaded Python has another binary interface than builds use; start the ordinary Python.")
     spec = importlib.util.spec_from_file_location("hda", folder / name)
     assert spec is not None and spec.loader is not None
     try:
