@@ -149,7 +149,7 @@ def promised(arm: Arm, controller: Controller, reference: Reference, result: Sim
 @pytest.mark.parametrize("kinds", ["R", "RR", "RPR"])
 @pytest.mark.parametrize("law", LAWS)
 def test_the_promise_is_kept_in_the_limit(rigid: Callable[[str], Arm], kinds: str, law: str) -> None:
-def test_the_promise_is_kept_in_the_limit(rigid: Callable[[str], Arm], kinds: str, law: str) -> None:
+    """First order in the period: so M, B, K, F_e, Λ, Coriolis, gravity and rotors stand right in the law."""
     arm, errors = rigid(kinds), []
     pushes = [] if kinds == "R" and law in CARTESIAN else [PUSH]  # one joint yields along its circle only
     for h in (1e-3, 5e-4):
@@ -188,7 +188,7 @@ UNSURE += ("center_of_mass", "torsional_damping", "flexspline_stiffness", "wave_
 def pushed(
     plant: Arm, arm: Arm, law: str, force: tuple[float, float], delay: int = 0, seed: int = 0
 ) -> tuple[float, Simulation]:
-    """As an observer earns the bar above: without it a push of 2 N misses the promise by a third or more."""
+    """Largest error of the tip as a share of the largest ideal displacement; default gains, the robot's sensors."""
     controller = Controller(arm, law, Guard(Safe.DAMPING, safe_damping=(2e-3, 2e-3)))
     path = circle(0.05, (0.2, 0.0), 5.0, 4.0)
     result = run(plant, controller, path, [Push(2.0, 3.0, force)], Sensors(delay=delay), seed)
@@ -208,7 +208,7 @@ def test_breakaway_is_overcome(paper: Callable[[], Arm], law: str, force: tuple[
 
 
 def test_without_the_observer_the_arm_sticks(paper: Callable[[], Arm]) -> None:
-    """So that the bar above is the observer's merit: without it a push of 2 N misses the promise by a third or more."""
+    """The bar above is the observer's merit: without it a push of 2 N misses the promise by a third or more."""
     arm = paper()
     controller = Controller(arm, "impedance_cartesian", Guard(Safe.ZERO), {"observer_bandwidth": 0.0})
     still = Reference("tip", 1e-3, np.tile([0.2, 0.0], (1500, 1)), *np.zeros((2, 1500, 2)))
