@@ -88,7 +88,7 @@ def opened(folder: Path) -> tuple[dict[str, Any], Any]:
             f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}"
         )
     if sysconfig.get_config_var("Py_GIL_DISABLED"):
-        raise PlantError("free-threaded Python has another binary interface than builds use; start the ordinary Python.")
+        raise PlantError("free-threaded Python has another binary interface than builds; start the ordinary one.")
     spec = importlib.util.spec_from_file_location("hda", folder / name)
     assert spec is not None and spec.loader is not None
     try:
