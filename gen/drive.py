@@ -13,11 +13,11 @@ The inverse. With ψ = c_f K_f0 φ_f the flexspline's angle, t = tan ψ = c_f τ
 
     ψ + A (1 − exp(−B t)) = y,      A = c_f K_f0/(c_w N K_w0),   B = c_w/(N c_f).
 
-t has a pole at y = π/2 + A that the law never reaches, so t (π/2 + A − y)/y is a tame function of y, and its
+t has a pole at y = π/2 + A that the law never reaches, so τ (π/2 + A − y)/y is a tame function of y, and its
 polynomial through Chebyshev's points is the inverse. `prepare` makes its coefficients from the parameters, solving
-the equation at the points; a step of the arm then costs one polynomial. Degree and corrections are chosen when the
-model is built, so that the error stays below 1e-12 rad for springs anywhere within `SPREAD` of the nominal (`plan`);
-a law too sharp for the polynomial alone is corrected by Householder's iteration of order four.
+the equation at the points; a step of the arm then costs one polynomial and one division. Degree and corrections are
+chosen when the model is built, so that the error stays below 1e-12 rad for springs anywhere within `SPREAD` of the
+nominal (`plan`); a law too sharp for the polynomial alone is corrected by Householder's iteration of order four.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ from gen.robot import Drive
 SPRINGS = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
 ERROR = 1e-12  # rad, of the inverse
 SPREAD = 1.25  # factor about the nominal springs, each either way, over which the inverse keeps it
-DEGREES = (16, 20, 24, 28, 32)
+DEGREES = (15, 19, 23, 27, 31)  # as many coefficients as make full trees
+CROWDING = 0.55  # κ
 NODE_STEPS = 4  # corrections at a node of the polynomial, from afar
 MOST_CORRECTIONS = 4
 
@@ -53,6 +54,7 @@ class Springs:
     """The constants of one drive's law; symbols or numbers."""
 
     scale: Any  # c_f K_f0, 1/rad
+    pole: Any  # torsion at which the law would have its pole, rad
     c_f: Any
     A: Any
     B: Any
@@ -71,7 +73,7 @@ def springs(p: Mapping[str, Any]) -> Springs:
     faded, angle = ca.exp(-B * last), ca.atan(last)
     torsion_there = (angle + A * (1 - faded)) / scale
     stiffness_there = scale / (c_f * (1 / (1 + last * last) + A * B * faded))
-    return Springs(scale, c_f, A, B, p["law_torque"], angle, torsion_there, stiffness_there)
+    return Springs(scale, (np.pi / 2 + A) / scale, c_f, A, B, p["law_torque"], angle, torsion_there, stiffness_there)
 
 
 def torsion(tau: Any, k: Springs) -> Any:
@@ -97,14 +99,15 @@ def _far(y: Any, k: Springs) -> Any:
 
 
 def inverse(k: Springs, degree: int) -> Any:
-    """Coefficients (degree + 1) of the polynomial for t (π/2 + A − y)/y over 2 y/y_law − 1, lowest first."""
+    """Coefficients (degree + 1) of the polynomial for τ (π/2 + A − y)/y over `_crowded`, N m, lowest first."""
     count = degree + 1
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
     last = k.scale * k.law_torsion
     values = []
     for node in nodes:
-        y = last * (0.5 * (node + 1.0))
-        values.append(_far(y, k) * (np.pi / 2 + k.A - y) / y)
+        roots = np.roots([CROWDING, 0.0, 1.0, -(1.0 + CROWDING) * 0.5 * (node + 1.0)])
+        y = last * float(roots[np.abs(roots.imag).argmin()].real)  # the other two are complex
+        values.append(_far(y, k) / k.c_f * (np.pi / 2 + k.A - y) / y)
     rows = 2.0 / count * np.polynomial.chebyshev.chebvander(nodes, degree).T
     rows[0] /= 2.0
     monomials = np.zeros((count, count))  # column m: Chebyshev's polynomial m in powers
@@ -112,6 +115,13 @@ def inverse(k: Springs, degree: int) -> Any:
         monomials[: m + 1, m] = np.polynomial.chebyshev.cheb2poly(np.eye(count)[m])[: m + 1]
     # in two steps: Chebyshev's coefficients decay, and only so do the large integers of their powers do no harm
     return ca.sparsify(ca.DM(monomials)) @ (ca.DM(rows) @ ca.vertcat(*values))
+
+
+def _crowded(size: Any, k: Springs) -> Any:
+    """From −1 at φ = 0 to 1 at law_torsion, by s + κ s³, s = φ/law_torsion: where the law is steep Chebyshev's points
+    stand closer, which saves a quarter of them."""
+    first, third = 2 / (1 + CROWDING) / k.law_torsion, 2 * CROWDING / (1 + CROWDING) / k.law_torsion**3
+    return size * (first + third * (size * size)) - 1
 
 
 def polynomial(coefficients: Any, x: Any) -> Any:
@@ -127,15 +137,17 @@ def polynomial(coefficients: Any, x: Any) -> Any:
 
 def spring_torque(phi: Any, k: Springs, coefficients: Any, plan: Plan) -> Any:
     """τ(φ), N m: the inverse of `torsion` within `ERROR`."""
-    size = ca.fabs(phi)
-    inside = ca.fmin(size, k.law_torsion)
-    y = k.scale * inside
-    t = y * polynomial(coefficients, inside * (2 / k.law_torsion) - 1) / ((np.pi / 2 + k.A) - y)
-    for _ in range(plan.corrections):
-        d = householder(y, ca.atan(t), t, k.A, k.B)
-        u = d + d * d * d / 3
-        t = (t + u) / (1 - t * u)  # tan(ψ + d)
-    return ca.sign(phi) * (t * (1 / k.c_f) + k.law_stiffness * (size - inside))
+    inside = ca.fmax(ca.fmin(phi, k.law_torsion), -k.law_torsion)
+    size = ca.fabs(inside)
+    tau = inside * (1 / (k.pole - size)) * polynomial(coefficients, _crowded(size, k))
+    if plan.corrections:
+        y, t = k.scale * size, k.c_f * ca.fabs(tau)
+        for _ in range(plan.corrections):
+            d = householder(y, ca.atan(t), t, k.A, k.B)
+            u = d + d * d * d / 3
+            t = (t + u) / (1 - t * u)  # tan(ψ + d)
+        tau = ca.sign(phi) * t / k.c_f
+    return tau + k.law_stiffness * (phi - inside)
 
 
 def householder(y: Any, psi: Any, t: Any, A: Any, B: Any) -> Any:

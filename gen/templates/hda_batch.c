@@ -10,19 +10,20 @@
 
 /* One row of all lanes: load the inputs, step, store. */
 static void advance(const double *const *u, const hda_batch *c, double h, long steps, hda_batch *x, double *const *out) {
-    hda_batch in[HDA_NU], k[4][HDA_NX], y[HDA_NX];
-    const double reach[3] = {0.5 * h, 0.5 * h, h};
+    hda_batch in[HDA_NU], k[HDA_NX], y[HDA_NX], from[HDA_NX];
+    const double reach[4] = {0.5 * h, 0.5 * h, h, 0.0}, weight[4] = {h / 6.0, h / 3.0, h / 3.0, h / 6.0};
     for (int i = 0; i < HDA_NU; i++) {
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) in[i][lane] = u[lane][i];
     }
     for (long step = 0; step < steps; step++) {
-        for (int stage = 0; stage < 4; stage++) {
-            batch_rhs(stage ? y : x, in, c, k[stage]);
-            if (stage < 3) {
-                for (int i = 0; i < HDA_NX; i++) y[i] = x[i] + reach[stage] * k[stage][i];
+        for (int i = 0; i < HDA_NX; i++) y[i] = from[i] = x[i];
+        for (int stage = 0; stage < 4; stage++) { /* slopes stay in registers: each is used up before the next */
+            batch_rhs(y, in, c, k);
+            for (int i = 0; i < HDA_NX; i++) {
+                y[i] = from[i] + reach[stage] * k[i];
+                x[i] += weight[stage] * k[i];
             }
         }
-        for (int i = 0; i < HDA_NX; i++) x[i] += h / 6.0 * ((k[0][i] + k[3][i]) + 2.0 * (k[1][i] + k[2][i]));
     }
     for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
         for (int i = 0; i < HDA_NX; i++) out[lane][i] = x[i][lane];

@@ -4,6 +4,10 @@
  * Elementary Functions, 1980), Taylor series on the reduced interval. exp, sin, cos, tan err by a few units in the last place,
  * tanh by 3e-16 absolute. Functions take pointers and are inlined: no vector crosses a call.
  */
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
 #define HDA_GLUE_(a, b) a##b
 #define HDA_GLUE(a, b) HDA_GLUE_(a, b)
 #define HDA_I HDA_GLUE(HDA_V, _bits)
@@ -16,6 +20,19 @@ typedef double HDA_GLUE(HDA_V, _loose) __attribute__((vector_size(8 * HDA_W), al
 #define HDA_BITS(a) ((HDA_I)(a))
 #define HDA_PICK(mask, a, b) ((HDA_V)(((mask) & HDA_BITS(a)) | (~(mask) & HDA_BITS(b))))
 #define HDA_ZERO ((HDA_V){0})
+#if HDA_W == 8 && defined(__AVX512F__)
+#define HDA_LESSER(a, b) ((HDA_V)_mm512_min_pd(a, b))
+#define HDA_GREATER(a, b) ((HDA_V)_mm512_max_pd(a, b))
+#elif HDA_W == 4 && defined(__AVX__)
+#define HDA_LESSER(a, b) ((HDA_V)_mm256_min_pd(a, b))
+#define HDA_GREATER(a, b) ((HDA_V)_mm256_max_pd(a, b))
+#elif HDA_W == 2 && defined(__SSE2__)
+#define HDA_LESSER(a, b) ((HDA_V)_mm_min_pd(a, b))
+#define HDA_GREATER(a, b) ((HDA_V)_mm_max_pd(a, b))
+#else
+#define HDA_LESSER(a, b) HDA_PICK((a) < (b), a, b)
+#define HDA_GREATER(a, b) HDA_PICK((a) > (b), a, b)
+#endif
 
 HDA_FUNCTION(fabs)(const HDA_V *a, HDA_V *r) { *r = (HDA_V)(HDA_BITS(*a) & ~HDA_BITS(-HDA_ZERO)); }
 
@@ -25,9 +42,9 @@ HDA_FUNCTION(sign)(const HDA_V *a, HDA_V *r) {
     *r = HDA_PICK((*a < HDA_ZERO) | (*a > HDA_ZERO), signed_one, *a);
 }
 
-/* As in C: where one argument is NaN the other is the result. */
-HDA_FUNCTION(fmin)(const HDA_V *a, const HDA_V *b, HDA_V *r) { *r = HDA_PICK((*a < *b) | (*b != *b), *a, *b); }
-HDA_FUNCTION(fmax)(const HDA_V *a, const HDA_V *b, HDA_V *r) { *r = HDA_PICK((*a > *b) | (*b != *b), *a, *b); }
+/* Where the first is NaN the second is the result, as in C; a second that is NaN stays NaN, so that one comparison does. */
+HDA_FUNCTION(fmin)(const HDA_V *a, const HDA_V *b, HDA_V *r) { *r = HDA_LESSER(*a, *b); }
+HDA_FUNCTION(fmax)(const HDA_V *a, const HDA_V *b, HDA_V *r) { *r = HDA_GREATER(*a, *b); }
 
 HDA_FUNCTION(exp)(const HDA_V *a, HDA_V *r) {
     const HDA_V magic = 6755399441055744.0 - HDA_ZERO; /* 1.5 · 2^52: adding it rounds to an integer in the low bits */
@@ -36,11 +53,10 @@ HDA_FUNCTION(exp)(const HDA_V *a, HDA_V *r) {
     const HDA_V n = shifted - magic;
     const HDA_V s = (x - n * 6.93145751953125e-1) - n * 1.42860682030941723212e-6;
     const HDA_V s2 = s * s, s4 = s2 * s2;
-    const HDA_V low = (1.0 + s) + s2 * (0.5 + s * 1.6666666666666666e-1);
-    const HDA_V mid = (4.1666666666666664e-2 + s * 8.3333333333333332e-3) + s2 * (1.3888888888888889e-3 + s * 1.9841269841269841e-4);
-    const HDA_V top = (2.4801587301587302e-5 + s * 2.7557319223985893e-6) + s2 * (2.7557319223985888e-7 + s * 2.5052108385441720e-8);
-    const HDA_V tip = 2.0876756987868099e-9 + s * 1.6059043836821613e-10;
-    const HDA_V value = low + s4 * (mid + s4 * (top + s4 * tip));
+    const HDA_V low = (1.0 + s) + s2 * (0.5000000000000001 + s * 0.16666666666666669);
+    const HDA_V mid = (0.04166666666662413 + s * 0.008333333333330062) + s2 * (0.0013888888917213717 + s * 0.00019841269863053618);
+    const HDA_V top = (2.4801521295954376e-05 + s * 2.7557268459997064e-06) + s2 * (2.7620088445409746e-07 + s * 2.510038549551032e-08);
+    const HDA_V value = low + s4 * (mid + s4 * top);
     const HDA_V scaled = (HDA_V)(HDA_BITS(value) + (HDA_BITS(shifted) << 52));
     const HDA_V huge = HDA_PICK(*a > 709.0, INFINITY - HDA_ZERO, scaled);
     *r = HDA_PICK(*a == *a, HDA_PICK(*a < -708.0, HDA_ZERO, huge), *a);
@@ -51,21 +67,21 @@ HDA_FUNCTION(sincos)(const HDA_V *a, HDA_V *sine, HDA_V *cosine) {
     const HDA_V magic = 6755399441055744.0 - HDA_ZERO;
     const HDA_V shifted = *a * 6.36619772367581382433e-1 + magic;
     const HDA_V n = shifted - magic;
-    const HDA_V z = ((*a - n * 1.57079632673412561417e+00) - n * 6.07710050630396597660e-11) - n * 2.02226624879595063154e-21;
+    const HDA_V far = *a * 1.6349e296; /* infinite beyond 2^40 */
+    const HDA_V lost = far - far;
+    const HDA_V z = (*a - n * 1.57079632673412561417e+00) - (n * 6.07710050650619224932e-11 + lost);
     const HDA_V z2 = z * z, z4 = z2 * z2;
-    const HDA_V s_low = -1.6666666666666666e-1 + z2 * 8.3333333333333332e-3;
-    const HDA_V s_mid = -1.9841269841269841e-4 + z2 * 2.7557319223985893e-6;
-    const HDA_V s_top = -2.5052108385441720e-8 + z2 * (1.6059043836821613e-10 + z2 * -7.6471637318198164e-13);
+    const HDA_V s_low = -0.16666666666666666 + z2 * 0.008333333333330949;
+    const HDA_V s_mid = -0.0001984126983675497 + z2 * 2.755731610068303e-06;
+    const HDA_V s_top = -2.5051131455427946e-08 + z2 * 1.591810123027412e-10;
     const HDA_V s = z + z * z2 * (s_low + z4 * (s_mid + z4 * s_top));
-    const HDA_V c_low = 4.1666666666666664e-2 + z2 * -1.3888888888888889e-3;
-    const HDA_V c_mid = 2.4801587301587302e-5 + z2 * -2.7557319223985888e-7;
-    const HDA_V c_top = 2.0876756987868099e-9 + z2 * (-1.1470745597729725e-11 + z2 * 4.7794773323873853e-14);
+    const HDA_V c_low = 0.041666666666666664 + z2 * -0.0013888888888887395;
+    const HDA_V c_mid = 2.4801587298763433e-05 + z2 * -2.7557317270560326e-07;
+    const HDA_V c_top = 2.0876146024689747e-09 + z2 * -1.1382614868556325e-11;
     const HDA_V c = (1.0 - 0.5 * z2) + z4 * (c_low + z4 * (c_mid + z4 * c_top));
-    const HDA_I quadrant = HDA_BITS(shifted);
-    const HDA_I swap = -(quadrant & 1);
-    const HDA_V lost = HDA_PICK((*a < 1.099511627776e12) & (*a > -1.099511627776e12), HDA_ZERO, NAN - HDA_ZERO);
-    *sine = (HDA_V)(HDA_BITS(HDA_PICK(swap, c, s)) ^ ((quadrant & 2) << 62)) + lost;
-    *cosine = (HDA_V)(HDA_BITS(HDA_PICK(swap, s, c)) ^ (((quadrant + 1) & 2) << 62)) + lost;
+    const HDA_I quadrant = HDA_BITS(shifted), straight = (quadrant & 1) == 0, sign = HDA_BITS(-HDA_ZERO);
+    *sine = (HDA_V)(HDA_BITS(HDA_PICK(straight, s, c)) ^ ((quadrant << 62) & sign));
+    *cosine = (HDA_V)(HDA_BITS(HDA_PICK(straight, c, s)) ^ (((quadrant + 1) << 62) & sign));
 }
 
 HDA_FUNCTION(sin)(const HDA_V *a, HDA_V *r) {
@@ -85,11 +101,20 @@ HDA_FUNCTION(tan)(const HDA_V *a, HDA_V *r) {
 }
 
 HDA_FUNCTION(tanh)(const HDA_V *a, HDA_V *r) {
-    HDA_V size, e;
+    const HDA_V magic = 6755399441055744.0 - HDA_ZERO;
+    HDA_V size;
     HDA_GLUE(HDA_V, _fabs)(a, &size);
-    const HDA_V twice = -2.0 * size;
-    HDA_GLUE(HDA_V, _exp)(&twice, &e);
-    const HDA_V t = (1.0 - e) / (1.0 + e);
+    const HDA_V x = HDA_LESSER(20.0 - HDA_ZERO, size);
+    const HDA_V shifted = x * -2.8853900817779268 + magic;
+    const HDA_V n = shifted - magic;
+    const HDA_V h = x + n * 3.4657359027997264e-1; /* exp(-2 |a|) = 2^n exp(-2 h); what h loses with n counts 2^n times */
+    const HDA_V h2 = h * h, h4 = h2 * h2;
+    const HDA_V low = (1.0 - 2.0 * h) + h2 * (2.0000000000000004 - h * 1.3333333333333335);
+    const HDA_V mid = (16 * 0.04166666666662413 - h * (32 * 0.008333333333330062)) + h2 * (64 * 0.0013888888917213717 - h * (128 * 0.00019841269863053618));
+    const HDA_V top = (256 * 2.4801521295954376e-05 - h * (512 * 2.7557268459997064e-06)) + h2 * (1024 * 2.7620088445409746e-07 - h * (2048 * 2.510038549551032e-08));
+    const HDA_V value = low + h4 * (mid + h4 * top);
+    const HDA_V power = (HDA_V)((HDA_BITS(shifted) << 52) + HDA_BITS(1.0 - HDA_ZERO));
+    const HDA_V t = (1.0 - value * power) / (1.0 + value * power);
     *r = (HDA_V)(HDA_BITS(t) | (HDA_BITS(*a) & HDA_BITS(-HDA_ZERO)));
 }
 
@@ -100,3 +125,5 @@ HDA_FUNCTION(tanh)(const HDA_V *a, HDA_V *r) {
 #undef HDA_BITS
 #undef HDA_PICK
 #undef HDA_ZERO
+#undef HDA_LESSER
+#undef HDA_GREATER
