@@ -12,9 +12,9 @@
 static void advance(const double *const *u, const hda_batch *c, double h, long steps, hda_batch *x, double *const *out) {
     hda_batch in[HDA_NU], k[HDA_NX], y[HDA_NX], from[HDA_NX];
     const double reach[4] = {0.5 * h, 0.5 * h, h, 0.0}, weight[4] = {h / 6.0, h / 3.0, h / 3.0, h / 6.0};
-    for (int i = 0; i < HDA_NU; i++) {
-        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) in[i][lane] = u[lane][i];
-    }
+#define INPUT(lane) u[lane][i]
+    for (int i = 0; i < HDA_NU; i++) in[i] = (hda_batch)HDA_BATCH_OF(INPUT);
+#undef INPUT
     for (long step = 0; step < steps; step++) {
         for (int i = 0; i < HDA_NX; i++) y[i] = from[i] = x[i];
         for (int stage = 0; stage < 4; stage++) { /* slopes stay in registers: each is used up before the next */
