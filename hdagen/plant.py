@@ -299,6 +299,8 @@ def is_number(value: Any) -> bool:
 
 def _finite(value: ArrayLike, what: str) -> Array:
     try:
+        if np.iscomplexobj(value):
+            raise TypeError("they are complex")
         array = np.asarray(value, float)
     except (TypeError, ValueError) as error:
         raise PlantError(f"{what} is not an array of real numbers ({error}).") from None

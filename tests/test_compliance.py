@@ -173,7 +173,7 @@ def test_springs_without_friction_keep_the_promise(build: Callable[..., Compiled
     assert np.abs(came - wanted).max() < 0.12 * scale
 
 
-# -- the laws on the arm of the paper, friction on ---------------------------------------------------------------------
+# -- the laws on the arm of the paper, friction on --------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
