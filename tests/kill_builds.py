@@ -35,6 +35,13 @@ def started(robot: str, out: Path) -> int:
         os._exit(code)
 
 
+def await_part(out: Path, seconds: float) -> None:
+    """Until a folder is being made, or the time is over."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until and not any(builds.PART in path.name for path in out.iterdir()):
+        time.sleep(1e-4)
+
+
 def main(robot: str, out: Path, count: int, seed: int, seconds: float) -> dict[str, int]:
     """Counts of kills, of those in mid-build, of builds that stood whole, of what was wrong."""
     rng, found = random.Random(seed), dict.fromkeys(("kills", "leftovers", "whole", "broken", "uncleaned", "failed"), 0)
@@ -47,7 +54,9 @@ def main(robot: str, out: Path, count: int, seed: int, seconds: float) -> dict[s
     shutil.rmtree(folder)
     while found["kills"] < count and time.monotonic() < begun + seconds:
         child = started(robot, out)
-        time.sleep(rng.uniform(0.0, 1.1 * took))
+        if found["kills"] % 2:  # every other one surely while files are written, however busy the machine is
+            await_part(out, 5 * took)
+        time.sleep(rng.uniform(0.0, took))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         found["kills"] += 1
