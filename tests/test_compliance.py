@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import casadi as ca
-import mpmath as mp
 import numpy as np
 import pytest
+import sympy as sp
 from compiled import Compiled
 from robots import LINEAR, chain
 from scipy.linalg import expm
@@ -29,16 +29,15 @@ PUSH = Push(0.3, 0.5, (10.0, 5.0))
 
 def exact(M: float, B: float, K: float, h: float) -> Array:
     """x and v (rows) after h from x = 1, v = 1, F = 1 (columns): closed form of the damped oscillator in 60 digits."""
-    with mp.workdps(60):
-        M, B, K, h = (mp.mpf(value) for value in (M, B, K, h))
-        a, square = B / (2 * M), K / M
-        s = mp.sqrt(a * a - square)
-        fade = mp.exp(-a * h)
-        sine = mp.re(fade * mp.sinh(s * h) / s) if s else fade * h
-        cosine = mp.re(fade * mp.cosh(s * h))
-        stays = cosine + a * sine
-        held = (1 - stays) / square if K else ((h - sine) / (2 * a) if B else h * h / 2)
-        return np.array([[stays, sine, held / M], [-square * sine, cosine - a * sine, sine / M]]).astype(float)
+    m, b, k, t = (sp.Float(value, 60) for value in (M, B, K, h))
+    a, square = b / (2 * m), k / m
+    bend = a * a - square
+    s, fade = sp.sqrt(abs(bend)), sp.exp(-a * t)
+    swing, turn = (sp.sinh, sp.cosh) if bend > 0 else (sp.sin, sp.cos)
+    sine, cosine = (fade * swing(s * t) / s if s else fade * t), fade * turn(s * t)
+    stays = cosine + a * sine
+    pushed = (1 - stays) / square if K else ((t - sine) / (2 * a) if B else t * t / 2)
+    return np.array([[stays, sine, pushed / m], [-square * sine, cosine - a * sine, sine / m]]).astype(float)
 
 
 @pytest.fixture(scope="module")

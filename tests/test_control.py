@@ -14,12 +14,14 @@ from arms import SMALL
 from compiled import Compiled
 from guard_library import CODE
 
+from gen.gains_table import table
 from hdagen.control import Controller, Guard, Safe
 from hdagen.plant import Arm, PlantError
 
 LAWS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint")
 GUARD = Guard(Safe.ZERO)
 HARNESS = Path(__file__).parent / "control_harness.c"
+MANUAL = (Path(__file__).parent.parent / "docs" / "control.md").read_text(encoding="utf-8")
 SOURCES = ("control", "guard", "guard_config", "laws", "limit", "model", "prepare")
 Q = np.array([0.6, 0.6])
 
@@ -310,3 +312,30 @@ def test_the_contract_holds_in_c(arm: Arm, tmp_path: Path) -> None:
     done = subprocess.run(run, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stdout + done.stderr
     assert int(done.stdout) == 20_000 * len(LAWS)
+
+
+# -- the manual ------------------------------------------------------------------------------------------------------
+
+
+def block(kind: str) -> str:
+    """The manual's code of that kind."""
+    return MANUAL.split(f"```{kind}\n")[1].split("```")[0]
+
+
+def test_the_manuals_gains_are_the_laws_own() -> None:
+    found = MANUAL.split("<!-- gains: python -m gen.gains_table -->\n")[1].split("<!-- end of gains -->")[0]
+    assert found == table(), "put what `python -m gen.gains_table` prints between the two markers of docs/control.md"
+
+
+def test_the_manuals_python_runs(build: Callable[..., Compiled], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HDAGEN_BUILD", str(build("paper").folder.parent))
+    names: dict[str, Any] = {}
+    exec(compile(block("python"), "docs/control.md", "exec"), names)
+    assert names["status"] >= 0 and names["torque"].shape == (2,)
+
+
+def test_the_manuals_c_compiles(arm: Arm, tmp_path: Path) -> None:
+    (tmp_path / "manual.c").write_text(block("c"))
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{arm.folder}", "-fsyntax-only"]
+    done = subprocess.run(["gcc", *strict, str(tmp_path / "manual.c")], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
