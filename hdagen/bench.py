@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.metadata
+import itertools
 import json
-import os
-import platform
 import subprocess
 import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -24,28 +22,24 @@ from hdagen.plant import Arm, Array, PlantError, load
 
 PERIOD = 1e6  # ns, of a loop at 1 kHz
 WHO = ("native", "portable", "casadi_c", "interpreter")
-STEP, SECONDS, CURRENT, FREQUENCY = 5e-4, 3.0, 2.0, 1.0  # of the accuracy runs: 0.105 N m at Table I's motors, 1 Hz
-STEPS, TICKS = 2000, 500  # in a rollout, and of a controller
-NOISY = 0.2  # range from 10 to 90 % of a ratio, against its median
+SECONDS, CURRENT, FREQUENCY = 3.0, 2.0, 1.0  # of the accuracy runs: 0.105 N m at the motors of Table I, at 1 Hz
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Nanoseconds a call: ``row`` where calls follow each other; median, p99, p99.9 and largest of single calls. Of
-    loops, a step, over rounds."""
+    """Nanoseconds a call over rounds: median, p99, p99.9 and largest."""
 
     name: str
-    row: float
     median: float
     p99: float
     p999: float
     largest: float
-    against: dict[str, float]  # each contestant in a row, ns; empty where only we have the function
+    against: dict[str, float]  # median of each contestant, ns
 
     @property
     def share(self) -> float:
-        """p99.9 in a period of 1 kHz."""
-        return self.p999 / PERIOD
+        """Of a period of 1 kHz."""
+        return self.median / PERIOD
 
 
 @dataclass(frozen=True)
@@ -69,12 +63,6 @@ class Bench:
     bars: tuple[Bar, ...]
     machine: dict[str, str]
 
-    @property
-    def noisy(self) -> bool:
-        """Whether a ratio varied so much that the machine does other things."""
-        ratios = [bar for bar in self.bars if "faster" in bar.unit]
-        return any(bar.spread[1] - bar.spread[0] > NOISY * bar.reached for bar in ratios)
-
 
 def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     """Measure; ``stage`` is told what begins. Raises PlantError where a build fails."""
@@ -84,46 +72,40 @@ def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     raced = _raced(rounds)
     reached: dict[str, Array] = {}
     for name in ("rhs", "step"):
-        ours = np.array(raced[name]["native"]["row"])
-        for who in ("casadi_c", "interpreter"):
-            reached[f"native_{name}_against_{who}"] = np.array(raced[name][who]["row"]) / ours
+        ours = np.array(raced[name]["native"])
+        reached[f"native_{name}_against_casadi_c"] = np.array(raced[name]["casadi_c"]) / ours
+        reached[f"native_{name}_against_interpreter"] = np.array(raced[name]["interpreter"]) / ours
     stage("loops and calls from Python")
-    loops, bars = _loops(native, rounds)
+    loops = _loops(native, rounds)
+    reached |= loops.pop("bars")
     stage("accuracy")
-    accuracy = _accuracy(rounds)
+    reached |= _accuracy(rounds)
     stage("building from nothing")
-    reached |= bars | accuracy | _builds(portable)
-    timings = [_raced_timing(name, contest) for name, contest in raced.items()]
-    timings += [_timing(name, values) for name, values in {**loops, **_ticks(native, rounds)}.items()]
-    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), _machine(native))
+    reached |= _builds(portable)
+    timings = [_timing(name, times["native"], times) for name, times in raced.items()]
+    timings += [_timing(name, values, {}) for name, values in loops.items()]
+    machine = {
+        "processor": _processor(),
+        "compiler": native.manifest["compiler"],
+        "batch": f"{native.module.batch_width} lanes",
+    }
+    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), machine)
 
 
-def _raced(rounds: int) -> dict[str, Any]:
-    """What `python -m gen time` prints: function -> contestant -> "row" and "single"."""
-    out = os.environ.get("HDAGEN_BUILD") or "build"
-    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={out}", "--", "paper")))
-
-
-def _gen(*arguments: str) -> str:
-    """What a child process of gen prints. Raises PlantError with its words."""
-    beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
-    command = [sys.executable, "-P", "-m", "gen", *arguments]
-    environment = {**os.environ, "PYTHONPATH": beside}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+def _raced(rounds: int) -> dict[str, dict[str, list[float]]]:
+    command = [sys.executable, "-m", "gen", "time", "paper", "--rounds", str(rounds)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise PlantError(done.stderr.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
-    return done.stdout
+        raise PlantError(done.stderr.strip() or "`python -m gen time` failed without a word.")
+    found: dict[str, dict[str, list[float]]] = json.loads(done.stdout)
+    return found
 
 
-def _raced_timing(name: str, contest: dict[str, Any]) -> Timing:
-    rows = {who: float(np.median(times["row"])) for who, times in contest.items()}
-    return Timing(name, rows["native"], *contest["native"]["single"], rows)
-
-
-def _timing(name: str, values: Sequence[float] | Array) -> Timing:
+def _timing(name: str, values: Any, all_of: dict[str, list[float]]) -> Timing:
     v = np.asarray(values, float)
-    median, p99, p999 = (float(value) for value in np.percentile(v, [50, 99, 99.9]))
-    return Timing(name, median, median, p99, p999, float(v.max()), {})
+    against = {who: float(np.median(times)) for who, times in all_of.items()}
+    p99, p999 = (float(value) for value in np.percentile(v, [99, 99.9]))
+    return Timing(name, float(np.median(v)), p99, p999, float(v.max()), against)
 
 
 def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
@@ -141,63 +123,70 @@ def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
-def _machine(arm: Arm) -> dict[str, str]:
-    versions = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
-    versions.append(f"CasADi {importlib.metadata.version('casadi')}")
-    return {
-        "processor": _processor(),
-        "compiler": arm.manifest["compiler"],
-        "with": ", ".join(versions),
-        "batch": f"{arm.module.batch_width} lanes",
-    }
+# -- loops
+# --------------------------------------------------------------------------------------------------------------
 
 
-# -- loops ------------------------------------------------------------------------------------------------------------
-
-
-def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Rollouts and calls, ns a step over rounds; and the bars that rest on them."""
-    many, h = 8 * arm.module.batch_width, arm.step_size
+def _loops(arm: Arm, rounds: int) -> dict[str, Any]:
+    """Rollouts and calls, ns a step over rounds, and the bars that rest on them."""
+    steps, many = 400, 8 * arm.module.batch_width
     x0 = arm.rest(np.full(arm.n, 0.3))
-    u = np.zeros((STEPS, arm.nu))
-    u[:, : arm.n] = 0.5 * np.sin(np.arange(STEPS) / 20)[:, None]
-    dt, few = np.full(STEPS, h), STEPS // 10
-    path, batch = np.empty((STEPS + 1, arm.nx)), np.empty((many, few + 1, arm.nx))
-    starts, inputs, held = np.tile(x0, (many, 1)), np.tile(u[:few], (many, 1, 1)), np.full(few, h)
-    out, size, first = np.empty(arm.nx), np.array([h]), u[0].copy()
-    call, empty = arm.module.bind("step", x0, first, arm.c, size, out).run, arm.module.empty
+    u = np.zeros((steps, arm.nu))
+    u[:, : arm.n] = 0.5 * np.sin(np.arange(steps) / 20)[:, None]
+    dt, h = np.full(steps, arm.step_size), arm.step_size
+    one, batch = np.empty((steps + 1, arm.nx)), np.empty((many, steps + 1, arm.nx))
+    starts, inputs = np.tile(x0, (many, 1)), np.tile(u, (many, 1, 1))
+    x, out, size, held = x0.copy(), np.empty(arm.nx), np.array([h]), u[0].copy()
+    call, empty = arm.module.bind("step", x0, held, arm.c, size, out).run, arm.module.empty
 
-    def loop() -> None:  # step upon step: row k + 1 of the path from row k
-        path[0] = x0
-        arm.module.map("step", STEPS, path[:-1], u, arm.c, size, path[1:])
+    slopes = [np.empty(k) for k in (arm.nx, arm.nx**2, arm.nx * arm.nu, arm.nx * len(arm.p))]
 
-    runs: dict[str, tuple[Callable[[], Any], int]] = {
-        "arm.rollout": (lambda: arm.rollout(x0, u), STEPS),
-        "arm.rollout, set-valued friction": (lambda: arm.rollout(x0, u, exact=True), STEPS),
-        "rollout": (lambda: arm.module.rollout(0, x0, u, arm.c, dt, h, 1, path), STEPS),
-        "batch": (lambda: arm.module.rollout(2, starts, inputs, arm.c, held, h, many, batch), few * many),
-        "step upon step in C": (loop, STEPS),
-        "step from Python": (lambda: _repeat(call, STEPS), STEPS),
-        "empty call from Python": (lambda: _repeat(empty, STEPS), STEPS),
+    def loop() -> None:  # step upon step, nothing but the loop in C
+        x[:] = x0
+        arm.module.map("step", steps, x, u, arm.c, size, x)
+
+    runs: dict[str, Callable[[], Any]] = {
+        "rollout": lambda: arm.module.rollout(0, x0, u, arm.c, dt, h, 1, one),
+        "rollout, set-valued friction": lambda: arm.module.rollout(1, x0, u, arm.c, dt, h, 1, one),
+        "batch": lambda: arm.module.rollout(2, starts, inputs, arm.c, dt, h, many, batch),
+        "step upon step in C": loop,
+        "step with derivatives": lambda: arm.module.map("step_jacobian", steps, x0, u, arm.p, size, *slopes),
+        "tick of impedance control, law and guard": _ticking(arm, x0, steps),
+        "step from Python": lambda: _repeat(call, steps),
+        "empty call from Python": lambda: _repeat(empty, steps),
     }
-    t = _turns(runs, rounds)
-    return t, {
-        "batch_against_native_step": t["step upon step in C"] / t["batch"],
-        "python_call_over_empty_call": t["step from Python"] - t["empty call from Python"],
-        "rollout_against_its_loop": t["arm.rollout"] / t["step upon step in C"],
-    }
-
-
-def _turns(runs: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> dict[str, Array]:
-    """Every run once a round, by turns: ns a step of each."""
+    counts = {name: steps * (many if name == "batch" else 1) for name in runs}
     times: dict[str, list[float]] = {name: [] for name in runs}
     for turn in range(rounds + 1):
-        for name, (run, steps) in runs.items():
+        for name, run in runs.items():
             begin = time.perf_counter_ns()
             run()
             if turn:  # the first one warms up
-                times[name].append((time.perf_counter_ns() - begin) / steps)
-    return {name: np.array(values) for name, values in times.items()}
+                times[name].append((time.perf_counter_ns() - begin) / counts[name])
+    t = {name: np.array(values) for name, values in times.items()}
+    bars = {
+        "batch_against_native_step": t["rollout"] / t["batch"],
+        "python_call_over_empty_call": t["step from Python"] - t["empty call from Python"],
+        "rollout_against_its_loop": t["rollout"] / t["step upon step in C"],
+    }
+    return {**times, "bars": bars}
+
+
+def _ticking(arm: Arm, x0: Array, count: int) -> Callable[[], None]:
+    """Ticks at rest, called from Python as a loop on the machine would be."""
+    limited = all(j["drive"]["max_current"] for j in arm.robot["joints"])
+    guard = Guard(Safe.ZERO, torque_limit=None if limited else (100.0,) * arm.n, torque_rate=(50.0,) * arm.n)
+    law = Controller(arm, "impedance_cartesian", guard)
+    seen = arm.outputs(x0, np.zeros(arm.nu))
+    law.motor_position[:], law.joint_position[:] = seen["motor_position"], seen["joint_position"]
+    law.reference[:2] = seen["tip"]
+    clock = itertools.count(1)
+
+    def run() -> None:
+        for _ in range(count):
+            law.tick(next(clock) * guard.period)
+
+    return run
 
 
 def _repeat(call: Callable[[], None], count: int) -> None:
@@ -205,46 +194,15 @@ def _repeat(call: Callable[[], None], count: int) -> None:
         call()
 
 
-def _ticks(arm: Arm, rounds: int) -> dict[str, Array]:
-    """Whole ticks of every controller, guard and law, in a loop in C; ns a tick over rounds."""
-    runs: dict[str, tuple[Callable[[], Any], int]] = {}
-    for law in arm.manifest["controllers"]:
-        controller = Controller(arm, law["name"], Guard(Safe.ZERO))
-        runs[f"tick, {law['name']}"] = (_tick_loop(arm, controller), TICKS)
-    return _turns(runs, rounds)
-
-
-def _tick_loop(arm: Arm, controller: Controller) -> Callable[[], None]:
-    """Ticks at a posture, with every measurement trembling a little."""
-    x = arm.rest(np.full(arm.n, 0.3))
-    for name, channel in (("motor_position", controller.motor_position), ("joint_position", controller.joint_position)):
-        channel[:] = [x[arm.index(f"{name}_{j}")] for j in range(1, arm.n + 1)]
-    now = (1 + np.arange(TICKS))[:, None] * controller.guard.period
-    measured = np.tile(controller.measurement, (TICKS, 1))
-    measured[:, :1] = now
-    measured[:, 1:] += 1e-7 * np.random.default_rng(3).normal(size=(TICKS, measured.shape[1] - 1))
-    torque, status = np.empty(arm.n), np.zeros(1, np.int32)
-    buffers = (controller._context, now, measured, controller._reference, torque, status)
-
-    def loop() -> None:
-        controller.restart()
-        arm.module.map("controller_tick", TICKS, *buffers)
-        if status[0] < 0:  # a fault, and what was timed is the safe law
-            raise PlantError(f"{controller.law}: {controller.sentence(int(status[0]))}")
-
-    return loop
-
-
-# -- accuracy ----------------------------------------------------------------------------------------------------------
+# -- accuracy
+# -----------------------------------------------------------------------------------------------------------
 
 
 def _accuracy(rounds: int) -> dict[str, Array]:
-    """Largest error of a link angle over 3 s at 0.5 ms against a step forty times finer, friction smoothed at 1 rad/s; and
-    what bristles cost."""
+    """Largest error of a link angle over 3 s at the robot's step against a step forty times finer, and what bristles
+    cost."""
     plain = load("paper_table1", profile="native")
     bristles = load("paper_table1", profile="native", effects=("presliding_friction",))
-    for arm in (plain, bristles):
-        arm.parameters.update({f"friction_smoothing_{j}": 1.0 for j in range(1, arm.n + 1)})
     bristles.parameters.update({f"presliding_share_{j}": 1.0 for j in range(1, bristles.n + 1)})
     return {
         "error_without_bristles": np.array([_error(plain)]),
@@ -254,11 +212,11 @@ def _accuracy(rounds: int) -> dict[str, Array]:
 
 
 def _error(arm: Arm) -> float:
-    t = np.arange(round(SECONDS / STEP)) * STEP
+    t = np.arange(round(SECONDS / arm.step_size)) * arm.step_size
     u = np.zeros((len(t), arm.nu))
     u[:, : arm.n] = (CURRENT * np.sin(2 * np.pi * FREQUENCY * t))[:, None]
     x0 = arm.rest(np.zeros(arm.n))
-    coarse, fine = (arm.rollout(x0, u, dt=STEP, most=STEP / parts) for parts in (1, 40))
+    coarse, fine = (arm.rollout(x0, u, dt=arm.step_size, most=arm.step_size / parts) for parts in (1, 40))
     links = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     return float(np.abs(coarse - fine)[:, links].max())
 
@@ -268,24 +226,33 @@ def _cost(arm: Arm, rounds: int) -> Array:
     rows = 400
     u = np.zeros((rows, arm.nu))
     u[:, : arm.n] = CURRENT
-    x0 = arm.rollout(arm.rest(np.zeros(arm.n)), u, dt=STEP, most=STEP)[-1]
-    run = {"bristles": (lambda: arm.rollout(x0, u, dt=STEP, most=STEP), rows)}
-    return _turns(run, rounds)["bristles"] / 1e3 / (STEP * 1e3)
+    x0 = arm.rollout(arm.rest(np.zeros(arm.n)), u)[-1]
+    times = []
+    for _ in range(rounds):
+        begin = time.perf_counter_ns()
+        arm.rollout(x0, u)
+        times.append((time.perf_counter_ns() - begin) / 1e3 / (rows * arm.step_size * 1e3))
+    return np.array(times)
 
 
-# -- builds -------------------------------------------------------------------------------------------------------------
+# -- builds
+# -------------------------------------------------------------------------------------------------------------
 
 
 def _builds(arm: Arm) -> dict[str, Array]:
     with tempfile.TemporaryDirectory() as folder:
-        cold, *unchanged = (_seconds("build", "--out", folder, "--", "paper") for _ in range(6))
+        command = [sys.executable, "-m", "gen", "build", "paper", "--out", folder]
+        cold, again = (_seconds(command) for _ in range(2))
+        unchanged = [again, *(_seconds(command) for _ in range(4))]
     size = (arm.folder / arm.manifest["library"]).stat().st_size / 1e3
     return {"build_cold": np.array([cold]), "build_unchanged": np.array(unchanged), "library_size": np.array([size])}
 
 
-def _seconds(*arguments: str) -> float:
+def _seconds(command: list[str]) -> float:
     begin = time.perf_counter()
-    _gen(*arguments)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise PlantError(done.stderr.strip())
     return time.perf_counter() - begin
 
 
