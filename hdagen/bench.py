@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
+import importlib.metadata
 import json
+import os
+import platform
 import subprocess
 import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -22,24 +24,28 @@ from hdagen.plant import Arm, Array, PlantError, load
 
 PERIOD = 1e6  # ns, of a loop at 1 kHz
 WHO = ("native", "portable", "casadi_c", "interpreter")
-SECONDS, CURRENT, FREQUENCY = 3.0, 2.0, 1.0  # of the accuracy runs: 0.105 N m at the motors of Table I, at 1 Hz
+STEP, SECONDS, CURRENT, FREQUENCY = 5e-4, 3.0, 2.0, 1.0  # of the accuracy runs: 0.105 N m at Table I's motors, 1 Hz
+STEPS, TICKS = 2000, 500  # in a rollout, and of a controller
+NOISY = 0.2  # range from 10 to 90 % of a ratio, against its median
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Nanoseconds a call over rounds: median, p99, p99.9 and largest."""
+    """Nanoseconds a call: ``row`` where calls follow each other; median, p99, p99.9 and largest of single calls. Of
+    loops, a step, over rounds."""
 
     name: str
+    row: float
     median: float
     p99: float
     p999: float
     largest: float
-    against: dict[str, float]  # median of each contestant, ns
+    against: dict[str, float]  # each contestant in a row, ns; empty where only we have the function
 
     @property
     def share(self) -> float:
-        """Of a period of 1 kHz."""
-        return self.median / PERIOD
+        """Of p99.9 in a period of 1 kHz."""
+        return self.p999 / PERIOD
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,12 @@ class Bench:
     bars: tuple[Bar, ...]
     machine: dict[str, str]
 
+    @property
+    def noisy(self) -> bool:
+        """Whether a ratio varied so much that the machine must have been doing other things."""
+        ratios = [bar for bar in self.bars if "faster" in bar.unit]
+        return any(bar.spread[1] - bar.spread[0] > NOISY * bar.reached for bar in ratios)
+
 
 def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     """Measure; ``stage`` is told what begins. Raises PlantError where a build fails."""
@@ -72,40 +84,48 @@ def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     raced = _raced(rounds)
     reached: dict[str, Array] = {}
     for name in ("rhs", "step"):
-        ours = np.array(raced[name]["native"])
-        reached[f"native_{name}_against_casadi_c"] = np.array(raced[name]["casadi_c"]) / ours
-        reached[f"native_{name}_against_interpreter"] = np.array(raced[name]["interpreter"]) / ours
+        ours = np.array(raced[name]["native"]["row"])
+        for who in ("casadi_c", "interpreter"):
+            reached[f"native_{name}_against_{who}"] = np.array(raced[name][who]["row"]) / ours
     stage("loops and calls from Python")
-    loops = _loops(native, rounds)
-    reached |= loops.pop("bars")
+    loops, bars = _loops(native, rounds)
+    loops |= _ticks(native, rounds)
     stage("accuracy")
-    reached |= _accuracy(rounds)
+    accuracy = _accuracy(rounds)
     stage("building from nothing")
-    reached |= _builds(portable)
-    timings = [_timing(name, times["native"], times) for name, times in raced.items()]
-    timings += [_timing(name, values, {}) for name, values in loops.items()]
-    machine = {
-        "processor": _processor(),
-        "compiler": native.manifest["compiler"],
-        "batch": f"{native.module.batch_width} lanes",
-    }
-    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), machine)
+    reached |= bars | accuracy | _builds(portable)
+    timings = [_raced_timing(name, contest) for name, contest in raced.items()]
+    timings += [_timing(name, values) for name, values in loops.items()]
+    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), _machine(native))
 
 
-def _raced(rounds: int) -> dict[str, dict[str, list[float]]]:
-    command = [sys.executable, "-m", "gen", "time", "paper", "--rounds", str(rounds)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+def _raced(rounds: int) -> dict[str, Any]:
+    """What `python -m gen time` prints: function -> contestant -> "row" and "single"."""
+    out = os.environ.get("HDAGEN_BUILD") or "build"
+    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={out}", "--", "paper")))
+
+
+def _gen(*arguments: str) -> str:
+    """What a child process of gen prints. Raises PlantError with its words."""
+    beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
+    command = [sys.executable, "-P", "-m", "gen", *arguments]
+    environment = {**os.environ, "PYTHONPATH": beside}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode:
-        raise PlantError(done.stderr.strip() or "`python -m gen time` failed without a word.")
-    found: dict[str, dict[str, list[float]]] = json.loads(done.stdout)
-    return found
+        raise PlantError(done.stderr.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
+    return done.stdout
 
 
-def _timing(name: str, values: Any, all_of: dict[str, list[float]]) -> Timing:
+def _raced_timing(name: str, contest: dict[str, Any]) -> Timing:
+    rows = {who: float(np.median(times["row"])) for who, times in contest.items()}
+    median, p99, p999, largest = contest["native"]["single"]
+    return Timing(name, rows["native"], median, p99, p999, largest, rows)
+
+
+def _timing(name: str, values: Sequence[float] | Array) -> Timing:
     v = np.asarray(values, float)
-    against = {who: float(np.median(times)) for who, times in all_of.items()}
-    p99, p999 = (float(value) for value in np.percentile(v, [99, 99.9]))
-    return Timing(name, float(np.median(v)), p99, p999, float(v.max()), against)
+    median, p99, p999 = (float(value) for value in np.percentile(v, [50, 99, 99.9]))
+    return Timing(name, median, median, p99, p999, float(v.max()), {})
 
 
 def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
@@ -123,70 +143,72 @@ def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
-# -- loops
-# --------------------------------------------------------------------------------------------------------------
-
-
-def _loops(arm: Arm, rounds: int) -> dict[str, Any]:
-    """Rollouts and calls, ns a step over rounds, and the bars that rest on them."""
-    steps, many = 400, 8 * arm.module.batch_width
-    x0 = arm.rest(np.full(arm.n, 0.3))
-    u = np.zeros((steps, arm.nu))
-    u[:, : arm.n] = 0.5 * np.sin(np.arange(steps) / 20)[:, None]
-    dt, h = np.full(steps, arm.step_size), arm.step_size
-    one, batch = np.empty((steps + 1, arm.nx)), np.empty((many, steps + 1, arm.nx))
-    starts, inputs = np.tile(x0, (many, 1)), np.tile(u, (many, 1, 1))
-    x, out, size, held = x0.copy(), np.empty(arm.nx), np.array([h]), u[0].copy()
-    call, empty = arm.module.bind("step", x0, held, arm.c, size, out).run, arm.module.empty
-
-    slopes = [np.empty(k) for k in (arm.nx, arm.nx**2, arm.nx * arm.nu, arm.nx * len(arm.p))]
-
-    def loop() -> None:  # step upon step, nothing but the loop in C
-        x[:] = x0
-        arm.module.map("step", steps, x, u, arm.c, size, x)
-
-    runs: dict[str, Callable[[], Any]] = {
-        "rollout": lambda: arm.module.rollout(0, x0, u, arm.c, dt, h, 1, one),
-        "rollout, set-valued friction": lambda: arm.module.rollout(1, x0, u, arm.c, dt, h, 1, one),
-        "batch": lambda: arm.module.rollout(2, starts, inputs, arm.c, dt, h, many, batch),
-        "step upon step in C": loop,
-        "step with derivatives": lambda: arm.module.map("step_jacobian", steps, x0, u, arm.p, size, *slopes),
-        "tick of impedance control, law and guard": _ticking(arm, x0, steps),
-        "step from Python": lambda: _repeat(call, steps),
-        "empty call from Python": lambda: _repeat(empty, steps),
+def _machine(arm: Arm) -> dict[str, str]:
+    versions = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
+    versions.append(f"CasADi {importlib.metadata.version('casadi')}")
+    return {
+        "processor": _processor(),
+        "compiler": arm.manifest["compiler"],
+        "with": ", ".join(versions),
+        "batch": f"{arm.module.batch_width} lanes",
     }
-    counts = {name: steps * (many if name == "batch" else 1) for name in runs}
+
+
+def _processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        text = ""
+    lines = (line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name"))
+    return next(lines, platform.machine())
+
+
+# -- loops ------------------------------------------------------------------------------------------------------------
+
+
+def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Rollouts and calls, ns a step over rounds; and the bars that rest on them."""
+    many, few, h = 8 * arm.module.batch_width, STEPS // 10, arm.step_size
+    x0, u = arm.rest(np.full(arm.n, 0.3)), np.zeros((STEPS, arm.nu))
+    u[:, : arm.n] = 0.5 * np.sin(np.arange(STEPS) / 20)[:, None]
+    batch = np.empty((many, few + 1, arm.nx))
+    starts, inputs, held = np.tile(x0, (many, 1)), np.tile(u[:few], (many, 1, 1)), np.full(few, h)
+    out, size, first = np.empty(arm.nx), np.array([h]), u[0].copy()
+    slopes = [np.empty(k) for k in (arm.nx, arm.nx**2, arm.nx * arm.nu, arm.nx * len(arm.p))]
+    call, empty = arm.module.bind("step", x0, first, arm.c, size, out).run, arm.module.empty
+
+    def loop() -> None:  # row k + 1 of a new path from row k, nothing but the loop in C
+        path = np.empty((STEPS + 1, arm.nx))
+        path[0] = x0
+        arm.module.map("step", STEPS, path[:-1], u, arm.c, size, path[1:])
+
+    runs: dict[str, tuple[Callable[[], Any], int]] = {
+        "arm.rollout": (lambda: arm.rollout(x0, u), STEPS),
+        "arm.rollout, set-valued friction": (lambda: arm.rollout(x0, u, exact=True), STEPS),
+        "batch": (lambda: arm.module.rollout(2, starts, inputs, arm.c, held, h, many, batch), few * many),
+        "step upon step in C": (loop, STEPS),
+        "step with derivatives": (lambda: arm.module.map("step_jacobian", few, x0, u[:few], arm.p, size, *slopes), few),
+        "step from Python": (lambda: _repeat(call, STEPS), STEPS),
+        "empty call from Python": (lambda: _repeat(empty, STEPS), STEPS),
+    }
+    t = _turns(runs, rounds)
+    return t, {
+        "batch_against_native_step": t["step upon step in C"] / t["batch"],
+        "python_call_over_empty_call": t["step from Python"] - t["empty call from Python"],
+        "rollout_against_its_loop": t["arm.rollout"] / t["step upon step in C"],
+    }
+
+
+def _turns(runs: dict[str, tuple[Callable[[], Any], int]], rounds: int) -> dict[str, Array]:
+    """Every run twice a round, by turns, the first to warm up: ns a step of the second."""
     times: dict[str, list[float]] = {name: [] for name in runs}
-    for turn in range(rounds + 1):
-        for name, run in runs.items():
+    for _ in range(rounds):
+        for name, (run, steps) in runs.items():
+            run()
             begin = time.perf_counter_ns()
             run()
-            if turn:  # the first one warms up
-                times[name].append((time.perf_counter_ns() - begin) / counts[name])
-    t = {name: np.array(values) for name, values in times.items()}
-    bars = {
-        "batch_against_native_step": t["rollout"] / t["batch"],
-        "python_call_over_empty_call": t["step from Python"] - t["empty call from Python"],
-        "rollout_against_its_loop": t["rollout"] / t["step upon step in C"],
-    }
-    return {**times, "bars": bars}
-
-
-def _ticking(arm: Arm, x0: Array, count: int) -> Callable[[], None]:
-    """Ticks at rest, called from Python as a loop on the machine would be."""
-    limited = all(j["drive"]["max_current"] for j in arm.robot["joints"])
-    guard = Guard(Safe.ZERO, torque_limit=None if limited else (100.0,) * arm.n, torque_rate=(50.0,) * arm.n)
-    law = Controller(arm, "impedance_cartesian", guard)
-    seen = arm.outputs(x0, np.zeros(arm.nu))
-    law.motor_position[:], law.joint_position[:] = seen["motor_position"], seen["joint_position"]
-    law.reference[:2] = seen["tip"]
-    clock = itertools.count(1)
-
-    def run() -> None:
-        for _ in range(count):
-            law.tick(next(clock) * guard.period)
-
-    return run
+            times[name].append((time.perf_counter_ns() - begin) / steps)
+    return {name: np.array(values) for name, values in times.items()}
 
 
 def _repeat(call: Callable[[], None], count: int) -> None:
@@ -194,15 +216,42 @@ def _repeat(call: Callable[[], None], count: int) -> None:
         call()
 
 
-# -- accuracy
-# -----------------------------------------------------------------------------------------------------------
+def _ticks(arm: Arm, rounds: int) -> dict[str, Array]:
+    """Ticks of every controller, guard and law, called from Python as a loop on a machine would; ns a tick."""
+    runs: dict[str, tuple[Callable[[], Any], int]] = {}
+    for law in arm.manifest["controllers"]:
+        runs[f"tick from Python, {law['name']}"] = (_tick_loop(arm, law["name"]), TICKS)
+    return _turns(runs, rounds)
+
+
+def _tick_loop(arm: Arm, law: str) -> Callable[[], None]:
+    """A run of ticks at rest, guarded by limits that the robot file need not state."""
+    ones = (1.0,) * arm.n
+    controller = Controller(arm, law, Guard(Safe.ZERO, torque_limit=ones, torque_rate=tuple(50 * k for k in ones)))
+    seen = arm.outputs(arm.rest(np.full(arm.n, 0.3)), np.zeros(arm.nu))
+    controller.motor_position[:], controller.joint_position[:] = seen["motor_position"], seen["joint_position"]
+    period = controller.guard.period
+
+    def loop() -> None:
+        controller.restart()
+        for k in range(1, TICKS + 1):
+            status = controller.tick(k * period)
+        if status < 0:  # what was timed is the safe state
+            raise PlantError(f"{law}: {controller.sentence(status)}")
+
+    return loop
+
+
+# -- accuracy ---------------------------------------------------------------------------------------------------------
 
 
 def _accuracy(rounds: int) -> dict[str, Array]:
-    """Largest error of a link angle over 3 s at the robot's step against a step forty times finer, and what bristles
-    cost."""
+    """Largest error of a link angle over 3 s at 0.5 ms against a step forty times finer, friction smoothed at 1 rad/s;
+    and what bristles cost."""
     plain = load("paper_table1", profile="native")
     bristles = load("paper_table1", profile="native", effects=("presliding_friction",))
+    for arm in (plain, bristles):
+        arm.parameters.update({f"friction_smoothing_{j}": 1.0 for j in range(1, arm.n + 1)})
     bristles.parameters.update({f"presliding_share_{j}": 1.0 for j in range(1, bristles.n + 1)})
     return {
         "error_without_bristles": np.array([_error(plain)]),
@@ -212,11 +261,11 @@ def _accuracy(rounds: int) -> dict[str, Array]:
 
 
 def _error(arm: Arm) -> float:
-    t = np.arange(round(SECONDS / arm.step_size)) * arm.step_size
+    t = np.arange(round(SECONDS / STEP)) * STEP
     u = np.zeros((len(t), arm.nu))
     u[:, : arm.n] = (CURRENT * np.sin(2 * np.pi * FREQUENCY * t))[:, None]
     x0 = arm.rest(np.zeros(arm.n))
-    coarse, fine = (arm.rollout(x0, u, dt=arm.step_size, most=arm.step_size / parts) for parts in (1, 40))
+    coarse, fine = (arm.rollout(x0, u, dt=STEP, most=STEP / parts) for parts in (1, 40))
     links = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     return float(np.abs(coarse - fine)[:, links].max())
 
@@ -226,41 +275,22 @@ def _cost(arm: Arm, rounds: int) -> Array:
     rows = 400
     u = np.zeros((rows, arm.nu))
     u[:, : arm.n] = CURRENT
-    x0 = arm.rollout(arm.rest(np.zeros(arm.n)), u)[-1]
-    times = []
-    for _ in range(rounds):
-        begin = time.perf_counter_ns()
-        arm.rollout(x0, u)
-        times.append((time.perf_counter_ns() - begin) / 1e3 / (rows * arm.step_size * 1e3))
-    return np.array(times)
+    x0 = arm.rollout(arm.rest(np.zeros(arm.n)), u, dt=STEP, most=STEP)[-1]
+    ns = _turns({"sliding": (lambda: arm.rollout(x0, u, dt=STEP, most=STEP), rows)}, rounds)["sliding"]
+    return ns * 1e-3 / (STEP * 1e3)
 
 
-# -- builds
-# -------------------------------------------------------------------------------------------------------------
+# -- builds -----------------------------------------------------------------------------------------------------------
 
 
 def _builds(arm: Arm) -> dict[str, Array]:
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "gen", "build", "paper", "--out", folder]
-        cold, again = (_seconds(command) for _ in range(2))
-        unchanged = [again, *(_seconds(command) for _ in range(4))]
+        cold, *unchanged = (_seconds("build", "--out", folder, "--", "paper") for _ in range(6))
     size = (arm.folder / arm.manifest["library"]).stat().st_size / 1e3
     return {"build_cold": np.array([cold]), "build_unchanged": np.array(unchanged), "library_size": np.array([size])}
 
 
-def _seconds(command: list[str]) -> float:
+def _seconds(*arguments: str) -> float:
     begin = time.perf_counter()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise PlantError(done.stderr.strip())
+    _gen(*arguments)
     return time.perf_counter() - begin
-
-
-def _processor() -> str:
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        return "unknown"
-    return next(
-        (line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name")), "unknown"
-    )

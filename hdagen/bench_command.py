@@ -54,6 +54,8 @@ def _print(found: Bench) -> None:
     console.print(", ".join(f"{key}: {value}" for key, value in found.machine.items()))
     console.print(_times(found))
     console.print(_bars(found.bars))
+    if found.noisy:
+        console.print("The ratios vary much: this machine does other things; on an idle one they are steadier.")
     missed = [bar.name for bar in found.bars if bar.met is False]
     console.print(f"missed: {', '.join(missed)}" if missed else "every bar is met")
 
@@ -61,16 +63,15 @@ def _print(found: Bench) -> None:
 def _times(found: Bench) -> Table:
     from rich.table import Table
 
-    table = Table(title="native profile, ns a call; medians of the others in the same run")
+    title = "native profile, ns a call: in a row beside the others in the same run, then single calls; of loops a step"
+    table = Table(title=f"{title}\nshare: of p99.9 in a period of 1 ms")
     table.add_column("function or loop", no_wrap=True)
-    for name in ("median", "p99", "p99.9", "largest", "of 1 ms", "portable", "CasADi C", "interpreter"):
+    for name in ("in a row", "portable", "CasADi C", "interpreter", "median", "p99", "p99.9", "largest", "share"):
         table.add_column(name, justify="right")
     for t in found.timings:
-        others = [
-            f"{t.against[who]:.0f}" if who in t.against else "" for who in ("portable", "casadi_c", "interpreter")
-        ]
-        own = [f"{value:.0f}" for value in (t.median, t.p99, t.p999, t.largest)]
-        table.add_row(t.name, *own, f"{t.share:.3%}", *others)
+        others = [t.against.get(who) for who in ("portable", "casadi_c", "interpreter")]
+        numbers = (t.row, *others, t.median, t.p99, t.p999, t.largest)
+        table.add_row(t.name, *("" if v is None else f"{v:.0f}" for v in numbers), f"{t.share:.3%}")
     return table
 
 

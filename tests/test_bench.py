@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 
 from gen import timing
+from gen.build import assembled
+from gen.build import build as make
+from gen.robot import load as describe
 from hdagen import bench, bench_command
-from hdagen.plant import load
+from hdagen.plant import PlantError, load
 
 BARS = tomllib.loads((Path(bench.__file__).parent / "bars.toml").read_text())
 
@@ -24,6 +27,9 @@ def figures(share: float) -> dict[str, np.ndarray]:
         name: np.full(5, entry["bar"] * share if entry["bound"] == "least" else entry["bar"] / share)
         for name, entry in BARS.items()
     }
+
+
+# -- bars -------------------------------------------------------------------------------------------------------------
 
 
 def test_every_bar_says_what_it_asks() -> None:
@@ -58,31 +64,79 @@ def test_a_missed_bar_is_exit_code_1(
 ) -> None:
     def measured(rounds: int, stage: Callable[[str], None]) -> bench.Bench:
         stage(f"{rounds} rounds")
-        values = [3.0, 1.0, 2.0]
-        one = bench._timing("rhs", values, dict.fromkeys(bench.WHO, values))
-        return bench.Bench((one,), bench._judged(figures(share), 8), {"processor": "one"})
+        one = bench._timing("rollout", [3.0, 1.0, 2.0])
+        contest = {who: {"row": [3.0, 1.0, 2.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in bench.WHO}
+        two = bench._raced_timing("rhs", contest)
+        return bench.Bench((one, two), bench._judged(figures(share), 8), {"processor": "one"})
 
     monkeypatch.setattr(bench, "bench", measured)
     assert bench_command.run(argparse.Namespace(quick=True, json=True)) == code
     said = json.loads(capsys.readouterr().out)
     assert {bar["name"] for bar in said["bars"]} == set(BARS)
-    assert said["timings"][0]["median"] == 2.0
+    assert [t["row"] for t in said["timings"]] == [2.0, 2.0]
+    assert said["timings"][1]["against"] == dict.fromkeys(bench.WHO, 2.0)
     assert bench_command.run(argparse.Namespace(quick=True, json=False)) == code
-    assert ("missed" in capsys.readouterr().out) == bool(code)
+    printed = capsys.readouterr().out
+    assert ("missed" in printed) == bool(code)
+    assert "rhs" in printed
 
 
-def test_contestants_run_the_same_functions_and_take_turns(tmp_path: Path) -> None:
+def test_a_noisy_run_is_called_so() -> None:
+    ratios = figures(1.5)
+    steady = bench.Bench((), bench._judged(ratios, 8), {})
+    ratios["native_rhs_against_casadi_c"] = np.array([2.0, 3.0, 4.0, 5.0, 6.0])
+    assert not steady.noisy
+    assert bench.Bench((), bench._judged(ratios, 8), {}).noisy
+
+
+def test_a_child_that_fails_says_why() -> None:
+    with pytest.raises(PlantError, match="no_such_robot"):
+        bench._gen("build", "--", "no_such_robot.toml")
+
+
+# -- contestants ------------------------------------------------------------------------------------------------------
+
+
+def test_contestants_take_turns_at_every_function(tmp_path: Path) -> None:
     found = timing.measure("emps", tmp_path, rounds=3)
-    assert {"rhs", "step", "rhs_jacobian", "outputs", "impedance_joint_tick"} <= set(found)
-    for times in found.values():
-        assert set(times) == set(bench.WHO)
-        assert all(len(rounds) == 3 and min(rounds) > 0 for rounds in times.values())
+    assert {"prepare", "rhs", "step", "rhs_jacobian", "outputs", "impedance_joint_tick"} <= set(found)
+    for contest in found.values():
+        assert set(contest) == set(bench.WHO)
+        for times in contest.values():
+            assert len(times["row"]) == 3
+            assert min(times["row"]) > 0
+            assert times["single"] == sorted(times["single"])
+
+
+def test_contestants_compute_the_same(tmp_path: Path) -> None:
+    """Portable and CasADi's C to the bit of the interpreter's outputs, native within its bound."""
+    made, _, _ = assembled("emps", describe("emps"), ())
+    graphs = {f.name: f.graph for f in made.functions} | {"step": timing.step_graph(made)}
+    builds = {profile: make("emps", profile, tmp_path)[0] for profile in ("native", "portable")}
+    p = np.array([[q.nominal for q in made.graphs.model.quantities]])
+    c = np.array(graphs["prepare"](p.ravel())).T
+    known = {**timing.states(made.graphs.model, timing.CALLS), "p": p, "c": c, "h": np.array([[1e-3]])}
+    with timing.field(graphs, builds) as contest:
+        for name, graph in graphs.items():
+            inputs = timing.inputs_of(name, graph, made, known)
+            results = {}
+            for who in timing.WHO:
+                outputs = [np.full((timing.CALLS, graph.numel_out(k)), 7.0) for k in range(graph.n_out())]
+                contest.sampler(who, name, graph, inputs, outputs)(timing.CALLS, 1)
+                results[who] = outputs
+            for theirs, c_text, portable, native in zip(
+                *(results[who] for who in ("interpreter", "casadi_c", "portable", "native")), strict=True
+            ):
+                assert np.array_equal(theirs, portable, equal_nan=True), name
+                size = np.abs(np.nan_to_num(theirs)).max(axis=0) + 1e-300
+                assert np.nan_to_num(np.abs(theirs - c_text) / size).max() < 1e-12, name
+                assert np.nan_to_num(np.abs(theirs - native) / size).max() < (1e-9 if name == "prepare" else 1e-12), (
+                    name
+                )
+                assert not (theirs == 7.0).any(), name  # everything was written
 
 
 def test_the_timed_step_is_the_compiled_step(tmp_path: Path) -> None:
-    from gen.build import assembled
-    from gen.robot import load as describe
-
     made, _, _ = assembled("emps", describe("emps"), ())
     arm = load("emps", out=tmp_path)
     given = timing.states(made.graphs.model, 50)
@@ -91,8 +145,26 @@ def test_the_timed_step_is_the_compiled_step(tmp_path: Path) -> None:
     assert np.array_equal(ours, theirs)
 
 
+# -- loops ------------------------------------------------------------------------------------------------------------
+
+
 def test_loops_fill_every_bar_that_rests_on_them(tmp_path: Path) -> None:
-    loops = bench._loops(load("emps", out=tmp_path), rounds=2)
-    bars = loops.pop("bars")
+    times, bars = bench._loops(load("emps", out=tmp_path), rounds=2)
     assert set(bars) == {"batch_against_native_step", "python_call_over_empty_call", "rollout_against_its_loop"}
-    assert all(len(values) == 2 for values in loops.values())
+    assert all(len(values) == 2 for values in (*times.values(), *bars.values()))
+    assert all((values > 0).all() for values in times.values())
+
+
+def test_ticks_of_every_controller_run_without_a_fault(tmp_path: Path) -> None:
+    arm = load("paper_table1", out=tmp_path)
+    assert len(bench._ticks(arm, rounds=1)) == len(arm.manifest["controllers"]) == 5
+
+
+@pytest.mark.campaign
+def test_the_whole_bench_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path))
+    found = bench.bench(2, lambda words: None)
+    assert {bar.name for bar in found.bars} == set(BARS)
+    exact = {bar.name: bar for bar in found.bars if bar.name.startswith("error")}
+    assert all(bar.met for bar in exact.values())  # these are no times
+    assert {"rhs", "step", "arm.rollout", "batch"} <= {t.name for t in found.timings}

@@ -16,9 +16,9 @@ static void advance(const double *const *u, const hda_batch *c, double h, long s
     for (int i = 0; i < HDA_NU; i++) in[i] = (hda_batch)HDA_BATCH_OF(INPUT);
 #undef INPUT
     for (long step = 0; step < steps; step++) {
-        for (int i = 0; i < HDA_NX; i++) y[i] = from[i] = x[i];
+        for (int i = 0; i < HDA_NX; i++) from[i] = x[i];
         for (int stage = 0; stage < 4; stage++) { /* slopes stay in registers: each is used up before the next */
-            batch_rhs(y, in, c, k);
+            batch_rhs(stage ? y : from, in, c, k);
             for (int i = 0; i < HDA_NX; i++) {
                 y[i] = from[i] + reach[stage] * k[i];
                 x[i] += weight[stage] * k[i];
