@@ -1,0 +1,301 @@
+"""A reality: MuJoCo moves rotors and links, hand-coded drives join them, a sampled controller moves the arm.
+
+MuJoCo has: the inertias and Coriolis torques of the links, gravity, set-valued dry friction (frictionloss), walls
+(contact of two geoms), payloads (a mass at the tip), the current loop's lag (an actuator with a filter). The rest is
+`hdagen.blind.drivetrain`. Both advance by the leapfrog scheme, 40 steps a sample: MuJoCo's semi-implicit Euler keeps
+speeds half a step behind angles, so that torques that depend on speed read it half a step ahead, and what jumps at a
+sample counts by half before and by half after.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from hdagen.blind.drivetrain import Drivetrain
+from hdagen.blind.motion import Motion
+
+PERIOD = 1e-3  # s, of the controller and the log
+STEPS = 40  # a period
+STEP = PERIOD / STEPS
+MOST_CURRENT = 12.0  # A, that the controller asks for at most
+BANDWIDTH = 55.0  # rad/s, of the position loop
+_ALMOST_ONE = 0.9999  # MuJoCo's hardest impedance: dry friction creeps by a millionth of the speed it stops
+_IMPEDANCE = 0.9  # of a wall
+_RADIUS = 0.01  # m, of what meets a wall
+
+
+@dataclass(frozen=True)
+class World:
+    """What a reality is made of, SI. ``joints``: base parameters of each, keys of robot.toml's tables in one;
+    ``effects[j]``: parameters by effect of joint j (from 0); ``arm``: those named at 0; ``gravity`` in the plane."""
+
+    joints: Sequence[Mapping[str, float]]
+    effects: Sequence[Mapping[str, Mapping[str, float]]]
+    arm: Mapping[str, Mapping[str, float]]
+    gravity: tuple[float, float]
+
+
+def simulate(world: World, nominal: Sequence[Mapping[str, float]], motion: Motion, noise: int) -> dict[str, np.ndarray]:
+    """The log of ``motion`` in ``world``, columns of docs/log.md.
+
+    ``nominal``: what the controller takes for true. ``noise``: seed of the sensors' noise.
+    """
+    return _Run(world, nominal, motion, noise).log()
+
+
+def tilted(world: World) -> tuple[float, float]:
+    """Gravity in the plane of a base that is not level, m/s²."""
+    x, y = world.gravity
+    if "gravity_tilt" not in world.arm:
+        return x, y
+    p = world.arm["gravity_tilt"]
+    sine, cosine = math.sin(p["angle"]), math.cos(p["angle"])
+    if math.hypot(x, y) > 1.0:  # an arm that stands turns in its plane
+        return cosine * x - sine * y, sine * x + cosine * y
+    return x + 9.81 * sine * math.cos(p["direction"]), y + 9.81 * sine * math.sin(p["direction"])
+
+
+def _model(world: World) -> Any:
+    """The MuJoCo model: rotors stand beside the arm, their reaction on the links is left out as in the robot file."""
+    first, second = world.joints
+    gx, gy = tilted(world)
+    dry = f'solreffriction="{2 * STEP} 1" solimpfriction="{_ALMOST_ONE} {_ALMOST_ONE} 0.001 0.5 2" frictionloss="1e-3"'
+    rotors = "".join(
+        f'<body><joint name="rotor{j}" axis="0 0 1" {dry}/>'
+        f'<inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 {joint["motor_inertia"]!r}"/></body>'
+        for j, joint in enumerate(world.joints)
+    )
+    walls = [_wall(j, world) if "contact" in world.effects[j] else "" for j in range(2)]
+    payload = world.effects[1].get("payload")
+    load = (
+        f'<geom type="sphere" size="0.001" pos="{second["length"]!r} 0 0" mass="{payload["mass"]!r}"/>'
+        if payload
+        else ""
+    )
+    balls = [
+        f'<geom name="ball{j}" type="sphere" size="{_RADIUS}" pos="{joint["length"]!r} 0 0" mass="0"/>'
+        for j, joint in enumerate(world.joints)
+    ]
+    pairs = "".join(
+        f'<pair geom1="ball{j}" geom2="wall{j}" condim="1" solimp="{_IMPEDANCE} {_IMPEDANCE} 0.001 0.5 2"/>'
+        for j in range(2)
+        if walls[j]
+    )
+    actuators = "".join(
+        f'<general joint="rotor{j}" gainprm="1" biastype="none" '
+        + (f'dyntype="filterexact" dynprm="{lag["time"]!r}"/>' if lag else 'dyntype="none"/>')
+        for j, lag in enumerate(effects.get("current_loop_lag") for effects in world.effects)
+    )
+    return mujoco.MjModel.from_xml_string(
+        f"""<mujoco>
+        <option timestep="{STEP}" integrator="Euler" gravity="{gx!r} {gy!r} 0" solver="Newton" tolerance="1e-12">
+          <flag eulerdamp="disable"/></option>
+        <default><geom contype="0" conaffinity="0"/></default>
+        <worldbody>{rotors}{walls[0]}
+          <body><joint name="joint0" axis="0 0 1"/>{_inertial(first)}{balls[0]}{walls[1]}
+            <body pos="{first["length"]!r} 0 0"><joint name="joint1" axis="0 0 1"/>{_inertial(second)}{balls[1]}{load}
+            </body></body></worldbody>
+        <contact>{pairs}</contact><actuator>{actuators}</actuator></mujoco>"""
+    )
+
+
+def _inertial(joint: Mapping[str, float]) -> str:
+    own = joint["inertia"]
+    inertia = f'mass="{joint["mass"]!r}" diaginertia="{own!r} {own!r} {own!r}"'
+    return f'<inertial pos="{joint["center_of_mass"]!r} 0 0" {inertia}/>'
+
+
+def _wall(j: int, world: World) -> str:
+    """A box that the ball at the end of link ``j`` touches when the joint stands at the wall's angle."""
+    p, length = world.effects[j]["contact"], world.joints[j]["length"]
+    half, away = 0.2, p["side"] * (_RADIUS + 0.2)
+    x = length * math.cos(p["angle"]) - away * math.sin(p["angle"])
+    y = length * math.sin(p["angle"]) + away * math.cos(p["angle"])
+    turn = f"{math.cos(p['angle'] / 2)!r} 0 0 {math.sin(p['angle'] / 2)!r}"
+    return f'<geom name="wall{j}" type="box" size="{half} {half} {half}" pos="{x!r} {y!r} 0" quat="{turn}"/>'
+
+
+class _Run:
+    """One simulation: MuJoCo's state, both drives, the controller, and the rows so far."""
+
+    def __init__(self, world: World, nominal: Sequence[Mapping[str, float]], motion: Motion, noise: int) -> None:
+        self.world, self.nominal, self.motion = world, nominal, motion
+        self.rng = np.random.default_rng(noise)
+        self.model = _model(world)
+        self._stiffen_walls()
+        self.data = mujoco.MjData(self.model)
+        self.drives = [
+            Drivetrain(joint, effects, STEP) for joint, effects in zip(world.joints, world.effects, strict=True)
+        ]
+        self.model.actuator_gainprm[:, 0] = [drive.torque_constant for drive in self.drives]
+        self.delays = [effects.get("command_delay", {}).get("time", 0.0) for effects in world.effects]
+        self.limits = [effects.get("current_saturation", {}).get("limit", math.inf) for effects in world.effects]
+        self.lagging = ["current_loop_lag" in effects for effects in world.effects]
+        late = [effects.get("sensor_delay", {}).get("time", 0.0) / STEP for effects in world.effects]
+        self.late = late
+        self.seen: list[deque[float]] = [deque(maxlen=int(steps) + 2) for steps in late]
+        rows = 4 + max(int(delay / PERIOD) for delay in self.delays)
+        self.commands: deque[list[float]] = deque([[0.0, 0.0]] * rows, maxlen=rows)  # newest first, A
+        self.speed = [0.0, 0.0]  # rad/s, of the motors as the controller sees it
+        self.encoder: list[float] | None = None
+        self.ahead = [0.0] * 4  # speeds of the step before the last
+        self._rest()
+
+    def _stiffen_walls(self) -> None:
+        """A wall's stiffness at the joint, as MuJoCo's contact has it at this impedance and body weights."""
+        m = self.model
+        for k in range(m.npair):
+            j = int(m.geom(m.pair_geom1[k]).name[-1])
+            p, length = self.world.effects[j]["contact"], self.world.joints[j]["length"]
+            mobility = float(m.body_invweight0[m.geom_bodyid[m.pair_geom1[k]], 0])
+            mobility += float(m.body_invweight0[m.geom_bodyid[m.pair_geom2[k]], 0])
+            stiffness = p["stiffness"] / length**2 * mobility * (1.0 - _IMPEDANCE) / _IMPEDANCE * _IMPEDANCE**2
+            m.pair_solref[k] = (-stiffness, -2.0 * p["damping"] * math.sqrt(stiffness))
+
+    def _rest(self) -> None:
+        """At rest at the motion's first point: the springs carry the links, friction and a held current the motors."""
+        q = [float(x) for x in self.motion.position[0]]
+        x, v = self.data.qpos, self.data.qvel
+        x[2:], v[:] = q, 0.0
+        mujoco.mj_forward(self.model, self.data)
+        holds = [float(self.data.qfrc_bias[2 + j]) for j in range(2)]
+        holds = [hold - self.drives[j].link_torque(q[j], 0.0, q[1 - j], 0.0) for j, hold in enumerate(holds)]
+        for j, drive in enumerate(self.drives):
+            x[j] = drive.resting(q[j], holds[j])
+            self.commands[0] = [*self.commands[0]]
+            self.commands[0][j] = holds[j] / drive.ratio / drive.torque_constant
+        for row in range(1, len(self.commands)):
+            self.commands[row] = self.commands[0]
+        mujoco.mj_forward(self.model, self.data)
+        for j in range(2):
+            if self.lagging[j]:
+                self.data.act[sum(self.lagging[:j])] = self.commands[0][j]
+
+    def log(self) -> dict[str, np.ndarray]:
+        """Simulate all of it."""
+        rows = [self._sample(k) for k in range(len(self.motion.time))]
+        columns: dict[str, np.ndarray] = {"time": self.motion.time}
+        names = ("motor_current_command", "motor_current", "motor_position", "joint_position")
+        table = np.array(rows)
+        for j in (1, 2):
+            for at, name in enumerate(names):
+                columns[f"{name}_{j}"] = np.ascontiguousarray(table[:, j - 1, at])
+            columns[f"joint_position_reference_{j}"] = np.ascontiguousarray(self.motion.position[:, j - 1])
+        columns["tip_force_x"], columns["tip_force_y"] = (np.ascontiguousarray(f) for f in self.motion.force.T)
+        return columns
+
+    def _sample(self, k: int) -> list[tuple[float, float, float, float]]:
+        """Row k, and the period after it."""
+        d, row = self.data, []
+        for j in range(2):
+            now = self.commands[0 if not self.delays[j] else int(self.delays[j] / PERIOD)][j]
+            current = float(d.act[sum(self.lagging[:j])]) if self.lagging[j] else now
+            sensor = self.nominal[j]
+            theta = _counted(float(d.qpos[j]), sensor["motor_encoder_resolution"])
+            angle = _counted(self._joint_angle(j), sensor["joint_encoder_resolution"])
+            row.append([current + sensor["current_noise"] * float(self.rng.standard_normal()), theta, angle])
+        command = self._control(k, [part[1] for part in row])
+        held = [min(max(c, -limit), limit) for c, limit in zip(command, self.limits, strict=True)]
+        self.commands.appendleft(held)
+        for drive in self.drives:
+            drive.tick(PERIOD)
+        force, before = self.motion.force[k], self.motion.force[max(k - 1, 0)]
+        self._advance(k, [float(f) for f in force], [float(f) for f in before])
+        return [(c, *part) for c, part in zip(command, row, strict=True)]
+
+    def _control(self, k: int, theta: list[float]) -> list[float]:
+        """Position loop on the motors' encoders, as a servo drive has it, with the gravity of the robot file."""
+        before, self.encoder = self.encoder or theta, theta
+        q = self.motion.position[k]
+        holds = _gravity_torques(self.nominal, self.world.gravity, float(q[0]), float(q[1]))
+        command = []
+        for j, joint in enumerate(self.nominal):
+            ratio, constant = joint["ratio"], joint["torque_constant"]
+            self.speed[j] += 0.6 * ((theta[j] - before[j]) / PERIOD - self.speed[j])
+            inertia = joint["motor_inertia"] + 0.05 / ratio**2
+            error, rate = q[j] * ratio - theta[j], self.motion.velocity[k, j] * ratio - self.speed[j]
+            wanted = inertia / constant * BANDWIDTH * (BANDWIDTH * error + 1.6 * rate) + holds[j] / ratio / constant
+            command.append(min(max(float(wanted), -MOST_CURRENT), MOST_CURRENT))
+        return command
+
+    def _acting(self, j: int, after: float) -> float:
+        """The current that acts over the step about ``after`` s past the last sample (half of it before, half after)."""
+        if self.lagging[j] and not self.delays[j]:
+            return self.commands[0][j]  # MuJoCo's filter takes what is commanded from here on
+        at = after - self.delays[j]
+        age, low = -math.floor((at - 0.5 * STEP) / PERIOD), (at - 0.5 * STEP) % PERIOD
+        old, new = self.commands[age][j], self.commands[max(age - 1, 0)][j]
+        share = min(max((low + STEP - PERIOD) / STEP, 0.0), 1.0)  # of the step that the newer command has
+        return old + share * (new - old)
+
+    def _advance(self, k: int, force: list[float], before: list[float]) -> None:
+        m, d, drives = self.model, self.data, self.drives
+        applied, control, loss = d.qfrc_applied, d.ctrl, m.dof_frictionloss
+        position, velocity = d.qpos, d.qvel
+        l1, l2 = (joint["length"] for joint in self.world.joints)
+        pushed = any(force) or any(before)
+        ahead = self.ahead
+        for n in range(STEPS):
+            time = k * PERIOD + n * STEP
+            x, last = position.tolist(), velocity.tolist()
+            w = [1.5 * a - 0.5 * b for a, b in zip(last, ahead, strict=True)]
+            ahead = last
+            for j in (0, 1):
+                self.seen[j].append(x[2 + j])
+                drive = drives[j]
+                motor, level, tau = drive.torques(x[j], w[j], x[2 + j], w[2 + j])
+                applied[j] = motor
+                control[j] = self._acting(j, n * STEP)
+                loss[j] = level
+                applied[2 + j] = tau
+                if drive.cable or drive.unknown:
+                    applied[2 + j] += drive.link_torque(x[2 + j], w[2 + j], x[3 - j], time)
+            if pushed:
+                fx, fy = force if n else (0.5 * (a + b) for a, b in zip(force, before, strict=True))
+                angle, both = x[2], x[2] + x[3]
+                x2, y2 = l2 * math.cos(both), l2 * math.sin(both)
+                applied[3] += x2 * fy - y2 * fx
+                applied[2] += (x2 + l1 * math.cos(angle)) * fy - (y2 + l1 * math.sin(angle)) * fx
+            mujoco.mj_step(m, d)
+        self.ahead = ahead
+
+    def _joint_angle(self, j: int) -> float:
+        """What the joint's encoder shows, rad: read late, off its centre, zeroed at the home position."""
+        q, seen, late = float(self.data.qpos[2 + j]), self.seen[j], self.late[j]
+        if late and len(seen) > late:
+            path = [*seen, q]
+            whole = int(late)
+            q = path[-1 - whole] + (late - whole) * (path[-2 - whole] - path[-1 - whole])
+        p = self.world.effects[j].get("encoder_eccentricity")
+        if not p:
+            return q
+        return q + _off_centre(p, q) - _off_centre(p, 0.0)
+
+
+def _off_centre(p: Mapping[str, float], q: float) -> float:
+    """Error of a disc off its centre, rad, by the exact triangle."""
+    angle = q + p["phase"]
+    return math.atan2(p["share"] * math.sin(angle), 1.0 + p["share"] * math.cos(angle))
+
+
+def _counted(angle: float, resolution: float) -> float:
+    return round(angle / resolution) * resolution
+
+
+def _gravity_torques(
+    joints: Sequence[Mapping[str, float]], gravity: tuple[float, float], q1: float, q2: float
+) -> tuple[float, float]:
+    """Torques, N m, that hold the links of the robot file, written out for two joints."""
+    first, second = joints
+    gx, gy = gravity
+    own = second["mass"] * second["center_of_mass"]
+    outer = -own * (gy * math.cos(q1 + q2) - gx * math.sin(q1 + q2))
+    carried = first["mass"] * first["center_of_mass"] + second["mass"] * first["length"]
+    return outer - carried * (gy * math.cos(q1) - gx * math.sin(q1)), outer
