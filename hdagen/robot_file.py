@@ -1,0 +1,178 @@
+"""A robot.toml whose numbers are changed in place: comments, order, spelling and line ends stay as they are.
+
+The build's manifest says which keys the robot has and which effect a parameter belongs to; no key is typed here but
+those that hang on each other: a catalogue gear, a lumped inertia, and defaults that follow another key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, MutableMapping
+from dataclasses import dataclass
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import AoT, InlineTable, Table
+
+from hdagen.plant import Arm, PlantError
+
+_BOM = b"\xef\xbb\xbf"
+_GEAR = (  # what `catalogue` stands for
+    "ratio",
+    "flexspline_stiffness",
+    "flexspline_stiffening",
+    "wave_generator_stiffness",
+    "wave_generator_stiffening",
+    "law_torque",
+    "hysteresis_loss",
+)
+_FOLLOWS = {"law_torque": "flexspline_stiffening", "friction_smoothing": "ratio"}  # defaults made from another key
+_LUMPED = ("mass", "center_of_mass", "inertia")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a number stands: ``table`` is gravity, joint, drive, or the name of an effect; joint 0 is the whole arm."""
+
+    table: str
+    joint: int
+    key: str
+
+    def __str__(self) -> str:
+        if self.table == "gravity":
+            return f"gravity[{self.key}]"
+        if self.table in ("joint", "drive"):
+            return f"joint[{self.joint}].{'drive.' if self.table == 'drive' else ''}{self.key}"
+        return f"{self.table}@{self.joint}.{self.key}"
+
+
+class RobotFile:
+    """The file ``raw`` of the robot that ``arm`` is a model of. Raises PlantError where it cannot be read."""
+
+    def __init__(self, raw: bytes, arm: Arm) -> None:
+        self._robot, self._quantities = arm.robot, {q["name"]: q for q in arm.manifest["parameters"]}
+        self._bom = _BOM if raw.startswith(_BOM) else b""
+        text = raw.removeprefix(_BOM).decode("utf-8")
+        self._lines = "\r\n" if "\r\n" in text else "\n"
+        text = text.replace("\r\n", "\n")
+        try:
+            self._document = tomlkit.parse(text if text.endswith("\n") else text + "\n")
+        except TOMLKitError as error:
+            raise PlantError(f"{arm.robot['name']}: the robot file cannot be changed in place ({error}).") from None
+
+    def text(self) -> bytes:
+        """The file as it is now."""
+        return self._bom + tomlkit.dumps(self._document).replace("\n", self._lines).encode("utf-8")
+
+    def place(self, name: str, effect: str | None = None) -> Place:
+        """Where the parameter ``name`` of the model stands, or would; ``effect`` owns it if no table does yet."""
+        joint = self._quantities[name]["joint"]
+        key = name.removesuffix(f"_{joint}") if joint else name
+        if key in ("gravity_x", "gravity_y") and not joint:
+            return Place("gravity", 0, "01"["xy".index(key[-1])])
+        if joint and key in self._robot["joints"][joint - 1]["drive"]:
+            return Place("drive", joint, key)
+        if joint and key in self._robot["joints"][joint - 1]:
+            return Place("joint", joint, key)
+        stated = (e["name"] for e in self._robot["effects"] if e["joint"] == joint and key in e["parameters"])
+        owner = next(stated, None) or self._quantities[name].get("effect") or effect
+        if owner is None:
+            raise PlantError(f"{name} belongs to no key and no effect of the robot file; diagnose again.")
+        return Place(owner, joint, key)
+
+    def holds(self, place: Place) -> bool:
+        """Whether the file as it was read says the number, written or by default, and not only a table to be added."""
+        stated = ((effect["name"], effect["joint"]) for effect in self._robot["effects"])
+        return place.table in ("gravity", "joint", "drive") or (place.table, place.joint) in stated
+
+    def put(self, place: Place, value: float, unit: str = "", share: float = 0.0) -> None:
+        """Change or add a number; ``share`` is its relative standard deviation, stated where an added number of an
+        effect has one above the file's tolerance."""
+        if place.table == "gravity":
+            entry = self._document["gravity"]
+            _set(entry, int(place.key), value)
+        elif place.table in ("joint", "drive"):
+            self._put_key(place, value, unit)
+        else:
+            table = self._effect(place)
+            tolerance = min(share, 10.0) if share > self._robot["tolerance"] else 0.0
+            _set(self._added(place) if table is None else table, place.key, value, unit, tolerance)
+
+    def settle(self, wanted: Arm) -> None:
+        """Bring in line what hangs on changed numbers: lumped inertias, defaults that would follow a changed key."""
+        for joint, stated in enumerate(self._robot["joints"], 1):
+            table, drive = self._joint(joint), self._joint(joint)["drive"]
+            changed = {
+                name
+                for name, q in self._quantities.items()
+                if q["joint"] == joint and wanted.parameters[name] != q["nominal"]
+            }
+            if "inertia_about_joint" in table and changed & {f"{key}_{joint}" for key in _LUMPED}:
+                mass, center, inertia = (wanted.parameters[f"{key}_{joint}"] for key in _LUMPED)
+                _set(table, "inertia_about_joint", inertia + mass * center**2)
+            for key, leader in _FOLLOWS.items():
+                if f"{leader}_{joint}" in changed and key not in drive and stated["drive"][key] is not None:
+                    _set(drive, key, wanted.parameters[f"{key}_{joint}"])
+
+    def _put_key(self, place: Place, value: float, unit: str) -> None:
+        table = self._joint(place.joint)
+        if place.table == "joint":
+            if place.key != "inertia" or "inertia_about_joint" not in table:  # the lumped one is settled at the end
+                _set(table, place.key, value, unit)
+            return
+        if "catalogue" in table["drive"] and place.key in _GEAR:
+            self._spell_out(place.joint)
+        _set(table["drive"], place.key, value, unit)
+
+    def _spell_out(self, joint: int) -> None:
+        """The keys that `catalogue` stands for in its stead: a gear that differs is no longer the catalogue's."""
+        table = self._joint(joint)
+        drive, stated = table["drive"], self._robot["joints"][joint - 1]
+        gear = drive.pop("catalogue")
+        if isinstance(drive, Table):
+            drive.add(tomlkit.comment(f"began as {gear} of the catalogue"))
+        for key in _GEAR:
+            if key not in drive and stated["drive"][key] is not None:
+                entry = stated["drive"][key]
+                _set(drive, key, entry["nominal"] if isinstance(entry, Mapping) else entry)
+        if stated["limits"]["torque"] is not None:
+            limits = table.setdefault("limits", tomlkit.table() if isinstance(table, Table) else tomlkit.inline_table())
+            limits.setdefault("torque", stated["limits"]["torque"])
+
+    def _joint(self, joint: int) -> Any:
+        return self._document["joint"][joint - 1]
+
+    def _effect(self, place: Place) -> Any:
+        """The [[effect]] table of a place, None where the file has none."""
+        for table in self._document.get("effect", ()):
+            if table["name"] == place.table and table["joint"] == place.joint:
+                return table
+        return None
+
+    def _added(self, place: Place) -> Any:
+        """A new [[effect]] table at the end of the file, or a new entry where the effects are written in a list."""
+        if "effect" not in self._document:
+            self._document.add(tomlkit.nl())
+            self._document.append("effect", tomlkit.aot())
+        effects: Any = self._document["effect"]
+        table = tomlkit.table() if isinstance(effects, AoT) else tomlkit.inline_table()
+        table["name"], table["joint"] = place.table, place.joint
+        effects.append(table)
+        return effects[-1]
+
+
+def _set(table: MutableMapping[Any, Any], key: Any, value: float, unit: str = "", tolerance: float = 0.0) -> None:
+    """Set a number in its own form; a new one with its unit as a comment, and its tolerance if it has one."""
+    present = isinstance(key, int) or key in table
+    if present and isinstance(table[key], Mapping):
+        table[key]["value"] = value
+    elif present:
+        table[key] = value
+    else:
+        item: Any = tomlkit.item(value)
+        if tolerance:
+            item = tomlkit.inline_table()
+            item["value"], item["tolerance"] = value, float(f"{tolerance:.3g}")
+        if unit and unit != "1" and not isinstance(table, InlineTable):
+            item.comment(unit)
+        table[key] = item
