@@ -131,6 +131,7 @@ def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Librar
     Raises BuildError where there is no such effect, RobotError where the parameters give no model.
     """
     from gen import stability  # casadi, which an intact build does not need
+    from gen.compliant import compliant
     from gen.effects import ALL, NOMINAL
     from gen.library import library
     from gen.model import Model
@@ -140,8 +141,11 @@ def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Librar
         possible = ", ".join(effect.name for effect in ALL)
         raise BuildError(f"--effects: found {', '.join(sorted(unknown))}, possible are {possible}; choose of these.")
     wanted = {stated.name for stated in robot.effects} | set(extra)
-    effects = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
+    robot = compliant(robot, "missing_compliance" in extra)
+    chosen = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
     try:
+        applies = Model(robot, NOMINAL).applies
+        effects = tuple(e for e in chosen if e in NOMINAL or applies(e))
         made = library(Model(robot, effects))
         examined = stability.examine(made.graphs)
     except ValueError as error:

@@ -42,6 +42,7 @@ class Drive:
     torsional_damping: Value | None
     law_torque: Value | None  # N m at the joint; beyond it the spring law goes on along its tangent
     hysteresis_loss: float | None  # ψ, rad, from the catalogue; None if unknown
+    compliant: bool = False  # called rigid by the file and given a spring by `missing_compliance`
 
 
 @dataclass(frozen=True)

@@ -7,20 +7,28 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+import casadi as ca
+
 
 class Port(Enum):
     """Where an effect acts, in the order of the signal chain; the value begins with the place the diagnosis names."""
 
-    INPUT = "input"
+    DELAY = "input, delay"  # adds to the time by which the command arrives late, s
+    INPUT = "input, current"  # makes another current (or torque) of the one that arrives, A or N m
+    LAG = "input, lag"  # adds to the time constant with which the current follows, s
+    WARMTH = "motor, warmth"  # adds to the share by which dry and viscous friction have fallen
     FRICTION = "motor, level"  # adds to the level of dry friction, N m at the motor
     MOTOR = "motor, torque"  # adds a torque to the rotor, N m
     REACTION = "motor, reaction"  # share of the rotor's torque and inertia that the link before the joint feels
     TORSION = "transmission, angle"  # adds an angle to the torsion, rad at the joint, a function of the motor angle
+    PLAY = "transmission, play"  # takes an angle from the torsion before the springs see it, rad at the joint
+    SERIES = "transmission, series"  # gives a rigid drive springs: (factor on their level, damping in N m s/rad)
     TRANSMISSION = "transmission, torque"  # adds to the joint torque, N m
     BASE = "link, base"  # adds to gravity in the base frame, m/s² (x, y)
     MASS = "link, mass"  # adds a point mass at the tip, kg
     LINK = "link, torque"  # adds a torque to the joint, N m
-    SENSOR = "sensor"
+    SENSOR = "sensor, joint angle"  # adds to what the joint's encoder reads, rad
+    TORQUE_SENSOR = "sensor, joint torque"  # adds to what the joint's torque sensor reads, N m
 
     @property
     def place(self) -> str:
@@ -30,7 +38,14 @@ class Port(Enum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of the model. ``typical`` is the size with which an effect is usually met (None for base parameters)."""
+    """A number of the model.
+
+    ``typical``: of an amplitude, the difference from nominal with which the effect is usually met; from 15 % of it on
+    an effect counts as present. ``scale``: a key of the joint whose nominal ``typical`` is to be multiplied by
+    ("largest_input": the bound of the joint's input; "1/key" divides). ``starts``: of a shape, the values from which a
+    search starts, the nominal one first. ``sliding``: the unit at a prismatic joint, where it is another; in ``unit``
+    "A" stands for N m where the input is torque. ``unless``: left out at drives that have that key.
+    """
 
     name: str
     unit: str
@@ -39,6 +54,10 @@ class Parameter:
     high: float
     meaning: str
     typical: float | None = None
+    scale: str | None = None
+    starts: tuple[float, ...] = ()
+    sliding: str | None = None
+    unless: str | None = None
 
 
 @dataclass(frozen=True)
@@ -56,6 +75,7 @@ class State:
 class Signals:
     """What an equation may read: symbols of one joint, everything upstream of its port (others are None)."""
 
+    current: Any = None  # at an input port what arrives, at a motor port what acts: A, or N m where the input is torque
     motor_position: Any = None  # θ, rad
     motor_velocity: Any = None  # θ̇, rad/s
     friction_level: Any = None  # N m at the motor
@@ -63,9 +83,10 @@ class Signals:
     torsion: Any = None  # φ, rad
     torsion_rate: Any = None  # φ̇, rad/s
     spring_torque: Any = None  # τ(φ) of the springs alone, N m
-    joint_torque: Any = None  # τ, N m
+    joint_torque: Any = None  # τ that the gear transmits, N m; of a rigid drive N times the motor's torque
     joint_position: Any = None  # q, rad
     joint_velocity: Any = None  # q̇, rad/s
+    joint_acceleration: Any = None  # q̈ with smooth friction, rad/s²
     ratio: Any = None  # N
     states: Mapping[str, Any] = field(default_factory=dict)
 
@@ -75,8 +96,9 @@ class Effect:
     """One effect: ``equation(signals, p)`` returns its term at the port, or (term, rates of its states).
 
     ``amplitudes`` names the parameters that, when all 0, remove the effect exactly: its own, or keys of the robot file.
-    ``rigid`` tells whether it has a meaning in a rigid drive; ``joints`` where it is stated: "each" joint, the "last"
-    joint only, or the "arm" as a whole (joint 0).
+    ``sizes``: of such keys, the difference from nominal that is usually met, as a share of it. ``rigid`` tells whether
+    the effect has a meaning in a rigid drive, ``prismatic`` whether at a sliding joint; ``joints`` where it is stated:
+    "each" joint, the "first" or the "last" only, or the "arm" as a whole (joint 0).
     """
 
     name: str
@@ -88,3 +110,11 @@ class Effect:
     states: tuple[State, ...] = ()
     rigid: bool = True
     joints: str = "each"
+    prismatic: bool = True
+    sizes: Mapping[str, float] = field(default_factory=dict)
+
+
+def slowed(length: Any, speed: Any, p: Mapping[str, Any]) -> Any:
+    """Displacement over which a memory builds up, no less than what ``speed`` covers in a step: a faster memory would be
+    stiff, and no step could tell it from one that follows at once."""
+    return ca.fmax(length, ca.fabs(speed) * p["step"])

@@ -7,11 +7,15 @@ from typing import Any
 
 import casadi as ca
 
-from gen import drive, mechanics
+from gen import drive, input_stage, mechanics
+from gen.effect import Port
 from gen.emitted import Emitted, dense
 from gen.model import Drives, Model
 
 SX = ca.SX
+DRIVE = {  # ports whose effects stand in the graph of one drive
+    Port.WARMTH, Port.FRICTION, Port.MOTOR, Port.TORSION, Port.PLAY, Port.SERIES, Port.TRANSMISSION, Port.LINK,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -163,6 +167,7 @@ def assemble(model: Model) -> Graphs:
             dense("rhs_jacobian", xuc, dict(zip(("by_x", "by_u", "by_p"), jacobians, strict=True))),
             "derivatives of the rate by x, u and p, column by column",
         ),
+        input_stage.law(model, c),
         *mechanics.kinematics(model, c),
         *mechanics.dynamics(model, c),
     ]
@@ -183,9 +188,12 @@ def assemble(model: Model) -> Graphs:
 
 
 def _groups(model: Model) -> list[tuple[int, ...]]:
-    kinds: dict[tuple[bool, str], list[int]] = {}
+    """Joints whose drives are the same graph: of one kind, with one kind of input and the same effects."""
+    kinds: dict[Any, list[int]] = {}
     for j in model.joints:
-        kinds.setdefault((j in model.rigid, model.robot.joints[j - 1].kind), []).append(j)
+        joint = model.robot.joints[j - 1]
+        acting = tuple(e.name for e in model.effects if e.port in DRIVE and j in model.applies(e))
+        kinds.setdefault((joint.drive.rigid, joint.kind, joint.drive.torque_constant is None, acting), []).append(j)
     return [tuple(joints) for joints in kinds.values()]
 
 
@@ -211,8 +219,8 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
     smooth, _ = _outputs(model, first, model.drive(first, model.of_joint(first)))
     drive_exact = model.drive(first, model.of_joint(first), exact=s)
     exact = [*_outputs(model, first, drive_exact)[1], *_outputs(model, first, drive_exact)[0]]
-    keys = set.intersection(*(set(model.of_joint(j)) for j in joints))
-    p = ca.vertcat(*(model.of_joint(first)[key] for key in sorted(keys)))
+    keys = set.intersection(*(set(model.symbols_of(j)) for j in joints))
+    p = ca.vertcat(*(model.symbols_of(first)[key] for key in sorted(keys)))
     changed, symbols, definitions = hoist([SX(e) for e in smooth + exact], p)
     direct = [v for v in ca.symvar(ca.vertcat(*changed)) if any(ca.is_equal(v, p[k]) for k in range(p.numel()))]
     constant = ca.vertcat(*direct, *symbols)
@@ -222,7 +230,7 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
     define = ca.Function("define", [p], [ca.vertcat(*direct, *definitions)])
     columns = []
     for j in [*joints, *[joints[0]] * (width - len(joints))]:
-        columns.append(define(ca.vertcat(*(model.of_joint(j)[key] for key in sorted(keys)))))
+        columns.append(define(ca.vertcat(*(model.symbols_of(j)[key] for key in sorted(keys)))))
     lane = Lane(
         joints,
         width,
@@ -278,12 +286,12 @@ def _rate_jacobians(model: Model) -> list[Any]:
     drives = {j: model.drive(j, model.of_joint(j), spring_torque=spring.get(j)) for j in model.joints}
     rate, _ = model.motion(drives)
     law = {j: drive.springs(model.of_joint(j)) for j in model.flexible}
-    solved = [drive.spring_torque(drives[j].torsion, law[j], model.inverse[j], model.plan) for j in model.flexible]
+    solved = [drive.spring_torque(drives[j].wound, law[j], model.inverse[j], model.plan) for j in model.flexible]
     out = []
     for w in (model.x, model.u, model.p):
         total = ca.jacobian(rate, w)
         for j in model.flexible:
-            slack = ca.jacobian(drives[j].torsion - drive.torsion(spring[j], law[j]), w) / drive.compliance(
+            slack = ca.jacobian(drives[j].wound - drive.torsion(spring[j], law[j]), w) / drive.compliance(
                 spring[j], law[j]
             )
             total = total + ca.jacobian(rate, spring[j]) @ slack

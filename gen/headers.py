@@ -80,7 +80,7 @@ def header(functions: tuple[Emitted, ...]) -> str:
         " * names every entry. c comes from hda_prepare(p, c), once for a set of parameters.\n"
         " * Nothing allocates, nothing keeps state."
     )
-    includes = '#include "hda_guard.h"\n#include "hda_rollout.h"\n#include "hda_sizes.h"\n'
+    includes = '#include "hda_guard.h"\n#include "hda_input.h"\n#include "hda_rollout.h"\n#include "hda_sizes.h"\n'
     opened, closed = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
     return guarded("HDA_H", meaning, f"{includes}\n{opened}\n{own}\n{steps}\n{closed}")
 

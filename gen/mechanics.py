@@ -30,6 +30,14 @@ def kinematics(model: Model, c: Any) -> list[Emitted]:
             "∂tip/∂q (2 × n, column by column), velocity of the tip, and dJ/dt q̇",
         ),
     ]
+    a = SX.sym("a", model.n)
+    angle, rate = readings(model, q, v, a)
+    out.append(
+        Emitted(
+            dense("encoders", {"q": q, "v": v, "a": a, "c": c}, {"joint_position": angle, "joint_velocity": rate}),
+            "what the joints' encoders read, rad, and how fast that changes",
+        )
+    )
     load = SX.sym("joint_torque", model.n)
     twist = [
         drive.torsion(load[j - 1], drive.springs(model.of_joint(j))) if j in model.flexible else SX(0)
@@ -102,23 +110,21 @@ def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> An
         p = model.of_joint(j)
         omega = p["ratio"] * v[j - 1]
         signals = {"motor_position": p["ratio"] * q[j - 1], "motor_velocity": omega, "ratio": p["ratio"]}
-        direction = ca.tanh(omega / p["friction_smoothing"])
-        level = sum(
-            e.equation(Signals(**signals, joint_torque=joint_torque[j - 1]), p) for e in model.at(Port.FRICTION, j)
-        )
-        other = sum(
-            e.equation(Signals(**signals, friction_level=level, direction=direction), p)
-            for e in model.at(Port.MOTOR, j)
-            if not e.states
-        )
-        link = sum(
-            e.equation(Signals(joint_position=q[j - 1], joint_velocity=v[j - 1], **signals), p)
-            for e in model.at(Port.LINK, j)
-        )
+        signals |= {"direction": ca.tanh(omega / p["friction_smoothing"]), "joint_torque": joint_torque[j - 1]}
+        signals |= {"joint_position": q[j - 1], "joint_velocity": v[j - 1], "current": SX(0)}
+
+        def total(port: Port, **more: Any) -> Any:
+            """Of the effects without memory; the others stand where they began."""
+            found = [e for e in model.at(port, j) if not e.states]
+            return sum((e.equation(Signals(**signals, **more), p) for e in found), SX(0))
+
+        level = total(Port.FRICTION)
+        level = ca.fmax(level, 0) if model.dips(j) else level
+        other, link = total(Port.MOTOR, friction_level=level), total(Port.LINK)
         reaction = model.reaction(j, p)
         carried = 0 if reaction is None else (reaction @ a)[0]
         own = p["motor_inertia"] * (p["ratio"] * a[j - 1] + carried)
-        out.append(own + level * direction - other + (joint_torque[j - 1] - link) / p["ratio"])
+        out.append(own + level * signals["direction"] - other + (joint_torque[j - 1] - link) / p["ratio"])
     torque = ca.vertcat(*out)
     for j in model.joints:  # the rotor of a later joint pulls on the links that carry it
         p = model.of_joint(j)
@@ -158,21 +164,44 @@ def _sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
     }
     for j in model.joints:
         p, d = model.of_joint(j), drives[j]
+        torque = d.transmitted
+        for e in model.at(Port.TORQUE_SENSOR, j):
+            torque = torque + e.equation(Signals(joint_torque=d.transmitted), p)
         if j in model.rigid:
             q, v = model.slot(f"joint_position_{j}"), model.slot(f"joint_velocity_{j}")
-            row = [p["ratio"] * q, p["ratio"] * v, SX(0), SX(0), p["ratio"] * d.net]
+            row = [p["ratio"] * q, p["ratio"] * v, SX(0), SX(0), torque]
         else:
-            beyond = ca.fabs(d.torsion) > drive.springs(p).law_torsion
-            row = [
-                model.slot(f"motor_position_{j}"),
-                model.slot(f"motor_velocity_{j}"),
-                d.torsion,
-                beyond,
-                d.joint_torque,
-            ]
+            beyond = ca.fabs(d.wound) > drive.springs(p).law_torsion
+            row = [model.slot(f"motor_position_{j}"), model.slot(f"motor_velocity_{j}"), d.torsion, beyond, torque]
         for name, value in zip(out, row, strict=True):
             out[name].append(value)
     chain, p = model.chain, model.chain_parameters()
     joined = {name: ca.vertcat(*values) for name, values in out.items()}
     tip = {"tip": chain.tip(model.q, p), "tip_velocity": chain.jacobian(model.q, p) @ model.v}
-    return {**joined, "joint_position": model.q, "joint_velocity": model.v, **tip}
+    angle, rate = _encoders(model, drives)
+    return {**joined, "joint_position": angle, "joint_velocity": rate, "joint_angle": model.q, **tip}
+
+
+def _encoders(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
+    """What the joints' encoders read in state x (n), and how fast that changes (n)."""
+    a = SX.sym("a", model.n)
+    angle, rate = readings(model, model.q, model.v, a)
+    if not ca.depends_on(ca.vertcat(angle, rate), a):
+        return angle, rate
+    rate_of_x, _ = model.motion(drives)
+    first = [s.name for s in model.x_slots].index("joint_velocity_1")
+    angle, rate = ca.substitute([angle, rate], [a], [rate_of_x[first : first + model.n]])
+    return angle, rate
+
+
+def readings(model: Model, q: Any, v: Any, a: Any) -> tuple[Any, Any]:
+    """What the joints' encoders read at positions q, velocities v and accelerations a (n each), and how fast that
+    changes, jerk left out (n)."""
+    angles, rates = [], []
+    for j in model.joints:
+        p, (at, speed, change) = model.of_joint(j), (w[j - 1] for w in (q, v, a))
+        signals = Signals(joint_position=at, joint_velocity=speed, joint_acceleration=change, ratio=p["ratio"])
+        error = sum((SX(e.equation(signals, p)) for e in model.at(Port.SENSOR, j)), SX(0))
+        angles.append(at + error)
+        rates.append(speed + ca.jacobian(error, at) * speed + ca.jacobian(error, speed) * change)
+    return ca.vertcat(*angles), ca.vertcat(*rates)

@@ -19,6 +19,7 @@ from gen import drive
 from gen.arm import Chain
 from gen.effect import Effect, Parameter, Port, Signals
 from gen.robot import Robot, parameters
+from gen.schema import keys
 
 SX = ca.SX
 
@@ -35,6 +36,10 @@ class Quantity:
     high: float
     tolerance: float
     meaning: str
+    effect: str | None = None  # whose amplitude or shape it is
+    role: str = "base"  # "base" a key of the robot file, "amplitude" or "shape" of an effect
+    typical: float | None = None  # size of a difference from nominal that is usually met, in `unit`
+    starts: tuple[float, ...] = ()  # of a shape: values from which a search starts
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,9 @@ class Drives:
     level: Any  # of set-valued friction, N m at the motor: what `net` loses as the direction goes from 0 to 1
     acceleration: Any  # net / J_m; None for a rigid drive
     joint_torque: Any  # on the link, with what acts at the link, N m; a rigid drive's own part is in `net`
+    transmitted: Any = None  # by the gear, N m; of a rigid drive without what its rotor takes
     torsion: Any = None
+    wound: Any = None  # torsion that the springs see
     spring_torque: Any = None
     rates: tuple[Any, ...] = ()
 
@@ -71,8 +78,8 @@ class Model:
         self.rigid = tuple(j for j in self.joints if robot.joints[j - 1].drive.rigid)
         self.plan = drive.plan([robot.joints[j - 1].drive for j in self.flexible])
         self.memory = tuple((e, s, j) for e in effects for j in self.applies(e) for s in e.states)
-        self.quantities = self._quantities()
         self.x_slots, self.u_slots = self._x_slots(), self._u_slots()
+        self.quantities = self._quantities()
         self.p = SX.sym("p", len(self.quantities))
         self.x = SX.sym("x", len(self.x_slots))
         self.u = SX.sym("u", len(self.u_slots))
@@ -90,23 +97,67 @@ class Model:
         """The joints at which the effect stands; (0,) for the arm as a whole."""
         if effect.joints == "arm":
             return (0,)
-        if effect.joints == "last":
-            return (self.n,)
-        return tuple(self.joints) if effect.rigid else self.flexible
+        chosen: tuple[int, ...] = {"first": (1,), "last": (self.n,)}.get(effect.joints, tuple(self.joints))
+        if effect.port is Port.SERIES:
+            chosen = tuple(j for j in chosen if self._drive(j).compliant)
+        return tuple(
+            j
+            for j in chosen
+            if (effect.rigid or j in self.flexible)
+            and (effect.prismatic or self.robot.joints[j - 1].kind == "revolute")
+        )
 
     def _quantities(self) -> tuple[Quantity, ...]:
+        amplitude_of = {key: effect for effect in self.effects for key in effect.sizes}
         found = []
         for v in parameters(self.robot):
             low, high = v.low, v.high
-            if v.name.rpartition("_")[0] in drive.SPRINGS:  # where the springs' inverse keeps its error
+            key = v.name.rpartition("_")[0]
+            if key in drive.SPRINGS:  # where the springs' inverse keeps its error
                 low, high = v.nominal / drive.SPREAD, v.nominal * drive.SPREAD
-            found.append(Quantity(v.name, v.joint, v.unit, v.nominal, low, high, v.tolerance, v.meaning))
+            effect = amplitude_of.get(key)
+            typical = effect.sizes[key] * self.size(key, v.joint) if effect else None
+            name = effect.name if effect else None
+            found.append(
+                Quantity(v.name, v.joint, v.unit, v.nominal, low, high, v.tolerance, v.meaning, name, "base", typical)
+            )
         stated = {(s.name, s.joint): s.parameters for s in self.robot.effects}
         for effect in self.effects:
             for j in self.applies(effect):
                 values = stated.get((effect.name, j), {})
-                found += [_quantity(parameter, j, values.get(parameter.name)) for parameter in effect.parameters]
+                found += [
+                    self._quantity(effect, parameter, j, values.get(parameter.name))
+                    for parameter in effect.parameters
+                    if not (parameter.unless and getattr(self._drive(j), parameter.unless) is not None)
+                ]
         return tuple(found)
+
+    def _quantity(self, effect: Effect, parameter: Parameter, j: int, stated: Any) -> Quantity:
+        name = f"{parameter.name}_{j}" if j else parameter.name
+        nominal = parameter.nominal if stated is None else stated.nominal
+        tolerance = 0.0 if stated is None else stated.tolerance
+        unit, typical = parameter.unit, parameter.typical
+        if j and self.robot.joints[j - 1].kind == "prismatic":
+            unit = parameter.sliding or unit
+        if j and self.u_slots[j - 1].unit != "A":
+            unit = unit.replace("1/A", "1/(N m)")
+        if typical is not None and parameter.scale:
+            over, _, under = parameter.scale.rpartition("/")
+            size = self.size(under, j)
+            typical = typical / size if over else typical * size
+        role = "amplitude" if parameter.name in effect.amplitudes else "shape"
+        return Quantity(
+            name, j, unit, nominal, parameter.low, parameter.high, tolerance, parameter.meaning, effect.name, role,
+            typical, parameter.starts,
+        )  # fmt: skip
+
+    def size(self, key: str, j: int) -> float:
+        """Size of a key of joint j: its nominal, the key's width where that is 0; "largest_input": the input's
+        bound."""
+        if key == "largest_input":
+            return self.u_slots[j - 1].bound
+        value = getattr(self._drive(j), key, None)
+        return abs(value.nominal) if value is not None and value.nominal else keys("joint.drive")[key].width
 
     def _x_slots(self) -> tuple[Slot, ...]:
         slots = []
@@ -153,10 +204,20 @@ class Model:
         """Force of the world on the tip, base frame, N (2)."""
         return self.u[self.n :]
 
-    def of_joint(self, j: int) -> dict[str, Any]:
-        """The parameters of joint j by the names that equations use, without the joint's number."""
+    def symbols_of(self, j: int) -> dict[str, Any]:
+        """The symbols of joint j's parameters by the names that equations use, without the joint's number."""
         own = {q.name.removesuffix(f"_{j}"): self.p[k] for k, q in enumerate(self.quantities) if q.joint == j}
         return own | ({"inverse": self.inverse[j]} if j in self.inverse else {})
+
+    def of_joint(self, j: int) -> dict[str, Any]:
+        """What equations of joint j read by name: `symbols_of`, with the springs' level and damping as effects in series
+        make them, and the step of the integration."""
+        p: dict[str, Any] = self.symbols_of(j) | {"step": self.robot.step}
+        for effect in self.at(Port.SERIES, j):
+            share, damping = effect.equation(Signals(), p)
+            p["stiffness_level"] = p["stiffness_level"] * share
+            p["torsional_damping"] = p["torsional_damping"] + damping
+        return p
 
     def derived(self) -> tuple[Any, Any]:
         """Symbols that stand for coefficients made from p alone (the springs' inverse), and what they are."""
@@ -199,29 +260,40 @@ class Model:
 
         motor = {"motor_position": theta, "motor_velocity": omega}
         joint = {"joint_position": q, "joint_velocity": v}
+        current = self.u[j - 1]
         step_down = 1 / p["ratio"]
-        phi = phi_rate = spring = tau = slope = SX()
-        if not rigid:
+        phi = wound = spring = slope = SX()
+        if rigid:
+            tau = p["ratio"] * p.get("torque_constant", 1) * current
+        else:
             error = total(Port.TORSION, SX(0), **motor)
             slope = ca.jacobian(error, theta)  # beside 1/ratio, not added to it: slope 0 is then exact
             phi, phi_rate = theta * step_down + error - q, omega * step_down + slope * omega - v
+            wound = phi - total(Port.PLAY, SX(0), torsion=phi)
             spring = spring_torque
             if spring is None:
-                spring = drive.spring_torque(phi, drive.springs(p), p["inverse"], self.plan)
+                spring = drive.spring_torque(wound, drive.springs(p), p["inverse"], self.plan)
             tau = total(Port.TRANSMISSION, 0, torsion=phi, torsion_rate=phi_rate, spring_torque=spring, **motor)
-        link = total(Port.LINK, 0 if rigid else tau, **joint, **motor)
-        level = total(Port.FRICTION, 0, joint_torque=tau, **motor)
+        link = total(Port.LINK, 0 if rigid else tau, joint_torque=tau, **joint, **motor)
         direction = ca.tanh(omega / p["friction_smoothing"]) if exact is None else exact
-        inverse = 1 / p["motor_inertia"]
-        torque = p.get("torque_constant", 1) * self.u[j - 1]
-        torque = total(Port.MOTOR, torque, friction_level=level, direction=direction, joint_torque=tau, **motor)
+        cold = 1 - total(Port.WARMTH, 0, **motor)
+        level = total(Port.FRICTION, 0, direction=direction, joint_torque=tau, **joint, **motor)
+        level = cold * (ca.fmax(level, 0) if self.dips(j) else level)  # dry friction never drives
+        inverse, p = 1 / p["motor_inertia"], p | {"viscous_friction": cold * p["viscous_friction"]}
+        felt = {"friction_level": level, "direction": direction, "joint_torque": tau}
+        torque = total(Port.MOTOR, 0, current=current, **felt, **motor)
         if not rigid:
             torque = torque - (tau * step_down + slope * tau)  # the gear does the work that it transmits
         net = torque - level * direction
         if exact is not None:  # other effects may have taken a part of the dry friction over
             level = ca.substitute(-ca.jacobian(net, exact), exact, 0)
         order = tuple(rates[e.name, s.name] for e, s, k in self.memory if k == j)
-        return Drives(net, level, None if rigid else net * inverse, link, phi, spring, order)
+        sent = p["ratio"] * net if rigid else tau
+        return Drives(net, level, None if rigid else net * inverse, link, sent, phi, wound, spring, order)
+
+    def dips(self, j: int) -> bool:
+        """Whether effects could bring the level of dry friction of joint j below 0."""
+        return len(self.at(Port.FRICTION, j)) > 1
 
     # -- the whole arm ----------------------------------------------------------------------------------------------
 
@@ -284,13 +356,6 @@ class Model:
         pending = {j: list(drives[j].rates) for j in self.joints}
         rates = [pending[j].pop(0) for _, _, j in self.memory]
         return ca.vertcat(*speeds, self.v, *motor, accelerations, *rates), ca.vertcat(*hold)
-
-
-def _quantity(parameter: Parameter, j: int, stated: Any) -> Quantity:
-    name = f"{parameter.name}_{j}" if j else parameter.name
-    nominal = parameter.nominal if stated is None else stated.nominal
-    tolerance = 0.0 if stated is None else stated.tolerance
-    return Quantity(name, j, parameter.unit, nominal, parameter.low, parameter.high, tolerance, parameter.meaning)
 
 
 def solve_symmetric(M: Any, b: Any) -> Any:

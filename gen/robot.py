@@ -58,7 +58,7 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
     reading = Reading(label)
     top = rules.top(table, reading)
     stated = rules.joints(table, reading)
-    present = rules.effects(table, [values["drive"] for values in stated], effects, reading)
+    present = rules.effects(table, stated, effects, reading)
     if reading.problems:
         raise RobotError(reading.problems)
     joints = tuple(_joint(values, reading.tolerance) for values in stated)

@@ -9,7 +9,7 @@ from typing import Any
 
 from gen.catalogue import CATALOGUE
 from gen.description import StatedEffect, Value
-from gen.effect import Effect
+from gen.effect import Effect, Port
 from gen.entry import shown
 from gen.reading import Reading, path
 from gen.schema import MAX_JOINTS, SUBTABLES, Key, Kind, Need, Range, keys
@@ -167,7 +167,7 @@ def _drive(values: Values, place: str, reading: Reading) -> None:
 
 
 def effects(
-    table: Mapping[str, Any], drives: list[Values], known: tuple[Effect, ...] | None, reading: Reading
+    table: Mapping[str, Any], joints: list[dict[str, Values]], known: tuple[Effect, ...] | None, reading: Reading
 ) -> list[StatedEffect]:
     """The effects that [[effect]] states; ``known`` are those there are, None for all of `gen.effects`."""
     raw = table.get("effect", [])
@@ -179,7 +179,7 @@ def effects(
 
         known = ALL
     by_name = {effect.name: effect for effect in known or ()}
-    found = [_effect(one, f"effect[{number}]", drives, by_name, reading) for number, one in enumerate(raw, 1)]
+    found = [_effect(one, f"effect[{number}]", joints, by_name, reading) for number, one in enumerate(raw, 1)]
     first: dict[tuple[str, int], int] = {}
     for number, stated in enumerate(found, 1):
         if stated and first.setdefault((stated.name, stated.joint), number) != number:
@@ -189,7 +189,7 @@ def effects(
 
 
 def _effect(
-    raw: Any, place: str, drives: list[Values], known: Mapping[str, Effect], reading: Reading
+    raw: Any, place: str, joints: list[dict[str, Values]], known: Mapping[str, Effect], reading: Reading
 ) -> StatedEffect | None:
     if not isinstance(raw, Mapping):
         reading.add(place, f"found {shown(raw)}, possible is a table; write [[effect]] and its keys below")
@@ -203,10 +203,12 @@ def _effect(
             reading.add(path(place, "name"), f"found {shown(values['name'])}, {possible}; choose one of them{hint}")
         return None
     if "joint" in values:
-        _where(effect, values["joint"], place, drives, reading)
+        _where(effect, values["joint"], place, joints, reading)
+    at = joints[values["joint"] - 1]["drive"] if 0 < values.get("joint", 0) <= len(joints) else {}
     named = {
         p.name: Key("effect", p.name, Kind.PARAMETER, Need.NO, p.unit, Range(p.low, p.high), p.meaning, p.nominal)
         for p in effect.parameters
+        if p.unless not in at
     }
     parameters: dict[str, Value] = {}
     for name, key in named.items():
@@ -217,13 +219,31 @@ def _effect(
     return StatedEffect(effect.name, values["joint"], parameters) if "joint" in values else None
 
 
-def _where(effect: Effect, joint: int, place: str, drives: list[Values], reading: Reading) -> None:
-    n = len(drives)
-    fits = {"arm": range(1), "last": range(n, n + 1)}.get(effect.joints, range(1, n + 1))
+def _where(effect: Effect, joint: int, place: str, joints: list[dict[str, Values]], reading: Reading) -> None:
+    n = len(joints)
+    fits = {"arm": range(1), "first": range(1, 2), "last": range(n, n + 1)}.get(effect.joints, range(1, n + 1))
     if joint not in fits:
         possible = f"{fits[0]}" if len(fits) == 1 else f"{fits[0]} to {fits[-1]}" if fits else "none"
-        words = {"arm": " (the arm as a whole)", "last": " (the last joint)"}.get(effect.joints, "")
-        reading.add(path(place, "joint"), f"found {joint}, possible for {effect.name} is {possible}{words}; correct it")
-    elif joint and not effect.rigid and drives[joint - 1].get("rigid"):
+        words = {"arm": " (the arm as a whole)", "first": " (the first joint)", "last": " (the last joint)"}
+        which = words.get(effect.joints, "")
+        reading.add(path(place, "joint"), f"found {joint}, possible for {effect.name} is {possible}{which}; correct it")
+    elif joint:
+        _kind(effect, joint, joints[joint - 1], path(place, "joint"), reading)
+
+
+def _kind(effect: Effect, joint: int, values: dict[str, Values], place: str, reading: Reading) -> None:
+    """Whether the effect has a meaning at a joint of that kind with that drive."""
+    drive, series = values["drive"], effect.port is Port.SERIES
+    rotor = drive.get("motor_inertia")
+    if not effect.prismatic and values["joint"].get("type") == "prismatic":
+        has = f"found {joint}, which is prismatic, possible for {effect.name} is a revolute joint"
+        reading.add(place, f"{has}; remove the effect")
+    elif series and not drive.get("rigid"):
+        has = f"found {joint}, whose drive has springs, possible for {effect.name} is a joint with rigid = true"
+        reading.add(place, f"{has}; remove the effect")
+    elif series and rotor is not None and rotor.nominal < LEAST_ROTOR:
+        has = f"found {joint}, whose motor_inertia is {rotor.nominal:g}, possible for {effect.name} is a joint with"
+        reading.add(place, f"{has} {LEAST_ROTOR:g} kg m² or more; state the rotor's own inertia")
+    elif not effect.rigid and drive.get("rigid"):
         has = f"found {joint}, whose drive is rigid, possible for {effect.name} is a joint whose drive has springs"
-        reading.add(path(place, "joint"), f"{has}; remove the effect or rigid = true")
+        reading.add(place, f"{has}; remove the effect or rigid = true")

@@ -13,6 +13,7 @@ from gen.description import canonical
 from gen.effect import Effect
 from gen.emit import preparation, scalar_function
 from gen.library import Library
+from gen.model import Model
 
 TEMPLATES = resources.files("gen") / "templates"
 
@@ -45,7 +46,8 @@ def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[s
                 "name": e.name,
                 "place": e.port.place,
                 "joints": model.applies(e),
-                "amplitudes": e.amplitudes,
+                "amplitudes": [name for name in e.amplitudes if _stands(model, name)],
+                "shapes": [q.name for q in e.parameters if q.name not in e.amplitudes],
                 "citation": e.citation,
             }
             for e in effects
@@ -64,6 +66,11 @@ def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[s
         ],
         **how,
     }
+
+
+def _stands(model: Model, key: str) -> bool:
+    """Whether a joint, or the arm, has a parameter of that name."""
+    return any(q.name in (key, f"{key}_{q.joint}") for q in model.quantities)
 
 
 def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any], lanes: bool) -> dict[str, str]:

@@ -23,12 +23,14 @@ import numpy as np
 
 from hdagen.channels import describe
 from hdagen.kalman import estimate
+from hdagen.input_stage import InputStage
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import Readings, mechanical
-from hdagen.replay import Replay, check, compare, driven_by, window_starts
+from hdagen.replay import Replay, acted_on, check, compare, driven_by, window_starts
 
 _LARGEST = 100_000  # bytes of a controller.toml
+_REMEMBERED = 512  # rows of commands that input effects may still hold back
 _MOST_SAMPLES = 1000
 
 
@@ -107,7 +109,8 @@ def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.
     starts = window_starts(log.time, window)
     begun = np.stack([readings.state(arm, int(row)) for row in starts])
     if not readings.say_all(arm) and len(starts) > 1:
-        found = estimate(arm, log, readings, logged, starts[1:], np.zeros((len(log), arm.nx - m)))
+        acting, _ = acted_on(arm, log, logged, "command")
+        found = estimate(arm, log, readings, acting, starts[1:], np.zeros((len(log), arm.nx - m)))
         begun[1:] = np.where(np.isfinite(found).all(1, keepdims=True), found, begun[1:])
     states, inputs, hidden = np.empty((len(log), arm.nx)), logged.copy(), np.zeros(arm.nx - m)
     for x, first, end in zip(begun, starts, np.append(starts[1:], len(log)), strict=True):
@@ -120,7 +123,9 @@ def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.
             "torque_scale of the controller."
         )
     note = f"The stated law closes the loop in {len(starts)} window(s); logged commands are not used."
-    return _with_commands(compare(arm, log, states, inputs, starts, [note]), arm, log, inputs)
+    return _with_commands(
+        compare(arm, log, states, acted_on(arm, log, inputs, "command")[1], starts, [note]), arm, log, inputs
+    )
 
 
 def _fits(arm: Arm, log: Log, laws: tuple[Law, ...]) -> None:
@@ -174,6 +179,7 @@ def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, st
     held = np.diff(log.time, append=log.time[-1])
     parts = np.maximum(1, np.ceil(held / arm.step_size - 1e-9)).astype(int).tolist()
     each = (held / parts).tolist()
+    stage = _stage(arm, inputs, held, rows[0])
     for row in rows:
         states[row] = now
         u[arm.n :] = inputs[row, arm.n :]
@@ -183,12 +189,23 @@ def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, st
             if not math.isfinite(angle):
                 states[row:] = np.nan
                 return now
-            u[j] = inputs[row, j] = joint.command(row, angle)
+            inputs[row, j] = joint.command(row, angle)
         h[0] = each[row]
+        if held[row] > 0:
+            u[: arm.n] = stage.step(inputs[row, : arm.n], float(held[row]))
         for _ in range(parts[row] if each[row] > 0 else 0):
             move.run()
             now[:] = then
     return now
+
+
+def _stage(arm: Arm, inputs: Array, held: Array, first: int) -> InputStage:
+    """The input stage at row ``first``, after the commands of the rows before it."""
+    begin = max(0, first - _REMEMBERED)
+    stage = InputStage(arm, inputs[begin, : arm.n])
+    for row in range(begin, first if arm.staged else begin):
+        stage.step(inputs[row, : arm.n], float(held[row]))
+    return stage
 
 
 def _with_commands(result: Replay, arm: Arm, log: Log, inputs: Array) -> Replay:

@@ -22,7 +22,18 @@ import numpy as np
 
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.readings import BEYOND, Readings, Rows, complete, full_torque, full_torsion, mechanical, within
+from hdagen.readings import (
+    BEYOND,
+    Readings,
+    Rows,
+    complete,
+    full_torque,
+    full_torsion,
+    mechanical,
+    senses,
+    unread,
+    within,
+)
 
 HORIZON = 0.15  # s of rows that the filters see: a few times the memory of the most trusting one
 FEWEST, MOST = 12, 400  # rows of it
@@ -98,8 +109,25 @@ class Bank:
         self.vague = BEYOND * np.array([slot["bound"] for slot in arm.manifest["state"]])[: self.m]
         self.read = np.zeros((len(readings.names), self.D))
         self.read[range(len(readings.names)), readings.places] = readings.factors
+        if senses(arm):
+            self.read[:, : self.m] = self._slopes()
         for k, j in enumerate(self.doubly, self.D - len(self.doubly)):
             self.read[readings.outputs.index(("joint_position", j)), k] = 1.0
+
+    def _slopes(self) -> Array:
+        """Derivative of the channels by positions and velocities (M, m), straight arm in slow motion."""
+        x = np.zeros((2 * self.m, self.arm.nx))
+        x[:, self.sliding] = self.free
+        size = 1e-3 * np.array([slot["bound"] for slot in self.arm.manifest["state"]])[: self.m]
+        for sign, rows in ((1, slice(0, self.m)), (-1, slice(self.m, None))):
+            x[rows, : self.m] += sign * np.diag(size)
+        seen = self._seen(x, np.zeros(self.arm.nu))
+        return np.asarray((seen[: self.m] - seen[self.m :]).T / (2 * size))
+
+    def _seen(self, x: Array, u: Array) -> Array:
+        """What the channels (M) show of states (R, nx) under ``u`` (nu)."""
+        seen = self.arm.evaluate("outputs", x=x, u=u)
+        return np.stack([seen[name][:, j - 1] for name, j in self.readings.outputs], 1)
 
     def run(self, time: Array, inputs: Array, rows: Rows, span: int, noise: Array, hidden: Array) -> Array:
         """The states (W, nx) at ``rows`` from the ``span`` rows before each, with ``noise`` (W, M) of the channels."""
@@ -114,7 +142,7 @@ class Bank:
                 lost = ~(within(arm, x) & (doubt < self.vague).all(-1))
                 score[lost], x[lost], extra[lost], P[lost] = -np.inf, begun[lost], 0.0, 0.0
                 row = row + 1
-                likely = self._correct(x, extra, P, self.readings.measured[row], noise**2)
+                likely = self._correct(x, extra, P, inputs[row], self.readings.measured[row], noise**2)
                 likely[lost | ~np.isfinite(likely)] = -np.inf
                 told += likely
                 if k > BURN_IN * span:
@@ -167,7 +195,8 @@ class Bank:
                 x[:, rate] = slope[:, k]
                 P[:, rate, rate] = error**2 * (weight**2).sum(1) + (0.2 * slope[:, k]) ** 2
                 known.add(rate)
-        return complete(self.arm, x, known), P
+        joints = [j for j in s.encoders() if self.arm.index(f"joint_position_{j}") not in ignored]
+        return complete(self.arm, unread(self.arm, x, joints), known), P
 
     def _advance(self, x: Array, extra: Array, P: Array, u: Array, dt: Array, best: Array) -> None:
         """All filters from one row to the next, ``dt`` (W) later, in place; linearised where the ``best`` (W) filter
@@ -220,11 +249,10 @@ class Bank:
         G2 = G @ G
         return np.eye(self.D) + G + G2 / 2 + G2 @ (G / 6 + G2 / 24)
 
-    def _correct(self, x: Array, extra: Array, P: Array, measured: Array, variance: Array) -> Array:
-        """All filters by what a row (W, M) shows, in place; the log-likelihood (W, L) of having seen it."""
+    def _correct(self, x: Array, extra: Array, P: Array, u: Array, measured: Array, variance: Array) -> Array:
+        """All filters by what a row (W, M) under ``u`` (W, nu) shows, in place; the log-likelihood (W, L) of having seen it."""
         W, L = x.shape[:2]
-        seen = self.arm.evaluate("outputs", x=x.reshape(W * L, -1), u=np.zeros(self.arm.nu))
-        expected = np.stack([seen[name][:, j - 1] for name, j in self.readings.outputs], 1).reshape(W, L, -1)
+        expected = self._seen(x.reshape(W * L, -1), np.repeat(u, L, 0)).reshape(W, L, -1)
         error = measured[:, None] - expected - extra @ self.read[:, self.m :].T
         PH = P @ self.read.T
         S = self.read @ PH

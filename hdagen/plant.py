@@ -38,7 +38,12 @@ class UnknownParameter(PlantError, KeyError):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of the model; ``joint`` 0 is the whole arm."""
+    """A parameter of the model; ``joint`` 0 is the whole arm.
+
+    ``effect``: whose amplitude or shape it is, None for one that no effect is about; ``role``: "base" (a key of the
+    robot file), "amplitude" or "shape"; ``typical``: the difference from nominal that is usually met, in ``unit``;
+    ``starts``: of a shape, values from which a search starts.
+    """
 
     name: str
     joint: int
@@ -48,6 +53,10 @@ class Parameter:
     high: float
     tolerance: float
     meaning: str
+    effect: str | None = None
+    role: str = "base"
+    typical: float | None = None
+    starts: tuple[float, ...] = ()
 
 
 class Parameters(MutableMapping[str, float]):
@@ -56,7 +65,9 @@ class Parameters(MutableMapping[str, float]):
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        self.described = {q["name"]: Parameter(**q) for q in arm.manifest["parameters"]}
+        self.described = {
+            q["name"]: Parameter(**(q | {"starts": tuple(q["starts"])})) for q in arm.manifest["parameters"]
+        }
         self._place = {name: k for k, name in enumerate(self.described)}
 
     def __getitem__(self, name: str) -> float:
@@ -138,6 +149,7 @@ class Arm:
         self.input_names = tuple(s["name"] for s in self.manifest["input"])
         self.nx, self.nu = len(self.state_names), len(self.input_names)
         self.step_size = float(self.robot["step"])
+        self.staged = any(effect["place"] == "input" for effect in self.manifest["effects"])
         self._shapes = {f["name"]: (f["inputs"], f["outputs"]) for f in self.manifest["functions"]}
         self.p: Array = np.array([q["nominal"] for q in self.manifest["parameters"]])
         self.c: Array = np.empty(self.manifest["constants"])
@@ -192,8 +204,8 @@ class Arm:
         return self.evaluate("rhs", x=x, u=u)["rate"]
 
     def outputs(self, x: ArrayLike, u: ArrayLike) -> dict[str, Array]:
-        """What exact sensors read: motor and joint positions and velocities, torsion, joint_torque, tip,
-        tip_velocity, beyond_law."""
+        """What sensors without noise read, with the sensor effects: motor and joint positions and velocities,
+        joint_torque; and the truth: joint_angle, torsion, tip, tip_velocity, beyond_law."""
         return self.evaluate("outputs", x=x, u=u)
 
     def step(self, x: ArrayLike, u: ArrayLike, h: float | None = None, exact: bool = False) -> Array:
@@ -223,6 +235,28 @@ class Arm:
         x = np.empty((inputs.shape[0] + 1, self.nx))
         self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._size(most), 1, x)
         return x
+
+    def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
+        """What the input effects (delay, saturation, sag, lag) make of ``command`` (T, n), row k held for dt[k] s, after
+        ``before`` (n) had been held for ever: the mean over each row of what acts (T, n), and what acts at each row's
+        instant (T, n), which a sensor reads there. Without such effects: the command, and the command a row before."""
+        rows = _finite(command, "command")
+        first = _vector(before, self.n, "before")
+        if rows.ndim != 2 or rows.shape[1] != self.n or not len(rows):
+            raise PlantError(f"command must be (T, {self.n}), a row or more; it is {rows.shape}.")
+        times = self._times(dt, len(rows))
+        mean, end = rows.copy(), rows.copy()
+        if self.staged:
+            state = self.input_state(first)
+            first = self.evaluate("input_law", command=first)["current"]
+            self.module.map("input_step", len(rows), state, rows, self.c, times, mean, end)
+        return mean, np.concatenate([first[None], end[:-1]])
+
+    def input_state(self, before: ArrayLike) -> NDArray[np.uint8]:
+        """The memory of the input stage after ``before`` (n) had been commanded for ever."""
+        state = np.zeros(self.module.length("input_reset", "state"), np.uint8)
+        self.module.bind("input_reset", state, _vector(before, self.n, "before"), self.c).run()
+        return state
 
     def rollout_batch(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +63,10 @@ class Readings:
         """Whether every position and velocity of the state is read."""
         return set(self.places) == set(range(mechanical(arm)))
 
+    def encoders(self) -> list[int]:
+        """The joints whose own encoder is read."""
+        return [j for name, j in self.outputs if name == "joint_position"]
+
     def state(self, arm: Arm, row: int) -> Array:
         """The state (nx) that ``row`` shows; velocities that are not logged are 0, as are the effects' own states.
 
@@ -70,6 +75,7 @@ class Readings:
         x = np.zeros((1, arm.nx))
         for k, place in enumerate(self.places):  # where two read one state the joint's encoder counts
             x[:, place] = self.measured[row, k] / self.factors[k]
+        unread(arm, x, self.encoders())
         known, most = set(self.places), full_torsion(arm)
         for j in arm.manifest["flexible"]:
             motor, joint = arm.index(f"motor_position_{j}"), arm.index(f"joint_position_{j}")
@@ -88,6 +94,26 @@ def within(arm: Arm, x: Array) -> NDArray[np.bool_]:
     places = [k for k, name in enumerate(arm.state_names) if "velocity" in name]
     limits = BEYOND * np.array([arm.manifest["state"][k]["bound"] for k in places])
     return np.asarray(np.isfinite(x).all(-1) & (np.abs(x[..., places]) < limits).all(-1))
+
+
+def senses(arm: Arm) -> bool:
+    """Whether the model has effects at the joints' sensors."""
+    return any(effect["place"] == "sensor" for effect in arm.manifest["effects"])
+
+
+def unread(arm: Arm, x: Array, joints: Iterable[int]) -> Array:
+    """``x`` (W, nx), whose positions and velocities of ``joints`` are what their encoders read, as the truth, in place;
+    what acceleration changes is left out."""
+    at = [[arm.index(f"joint_{what}_{j}") for j in range(1, arm.n + 1)] for what in ("position", "velocity")]
+    chosen = [j - 1 for j in joints]
+    read, rate = x[:, at[0]], x[:, at[1]]
+    q, v = read.copy(), rate.copy()
+    for _ in range(2 if senses(arm) and chosen else 0):  # the errors are small and change slowly
+        seen = arm.evaluate("encoders", q=q, v=v, a=np.zeros(arm.n))
+        q[:, chosen] += (read - seen["joint_position"])[:, chosen]
+        v[:, chosen] += (rate - seen["joint_velocity"])[:, chosen]
+    x[:, at[0]], x[:, at[1]] = q, v
+    return x
 
 
 def full_torsion(arm: Arm) -> Array:

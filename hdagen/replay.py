@@ -79,9 +79,10 @@ def replay(
     inputs, said = driven_by(arm, log, input)
     notes += said
     starts = window_starts(log.time, window)
-    states, said = _predict(arm, log, inputs, starts)
+    acting, shown = acted_on(arm, log, inputs, input)
+    states, said = _predict(arm, log, acting, starts)
     notes += said
-    return compare(arm, log, states, inputs, starts, notes)
+    return compare(arm, log, states, shown, starts, notes)
 
 
 def check(arm: Arm, log: Log) -> None:
@@ -149,6 +150,23 @@ def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
         if name in log:
             inputs[:, arm.index(name)] = log[name]
     return inputs, notes
+
+
+def acted_on(arm: Arm, log: Log, inputs: Array, source: str) -> tuple[Array, Array]:
+    """What acts under ``inputs`` (T, nu) as `driven_by` gives them, and what each row shows of it (T, nu each).
+
+    Commands pass through the arm's input effects, the whole log at once; what was measured acts as it is. A row shows
+    what acts at its instant: without such effects the row before.
+    """
+    acting, first, n = inputs.copy(), _before(arm, log, inputs[:1]), arm.n
+    shown = np.concatenate([first, inputs[:-1]])
+    if arm.staged:
+        dt = np.append(np.diff(log.time), log.period)
+        mean, at = arm.acting(inputs[:, :n], dt, first[0, :n])
+        names = [_channel(log, j, source)[0] or "" for j in range(1, n + 1)]
+        commanded = [j for j, name in enumerate(names) if "_command_" in name]
+        acting[:, commanded], shown[:, commanded] = mean[:, commanded], at[:, commanded]
+    return acting, shown
 
 
 def _channel(log: Log, j: int, source: str) -> tuple[str | None, Array | None]:
@@ -239,13 +257,12 @@ def _moves(log: Log, readings: Readings) -> list[str]:
     ]
 
 
-def compare(arm: Arm, log: Log, states: Array, inputs: Array, starts: Rows, notes: list[str]) -> Replay:
-    """The replay that ``states`` (T, nx) under ``inputs`` (T, nu) are, against what was measured."""
-    acting = np.concatenate([_before(arm, log, inputs[:1]), inputs[:-1]])  # row k shows what was commanded a row before
-    seen = arm.outputs(states, acting)
+def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes: list[str]) -> Replay:
+    """The replay that ``states`` (T, nx) are, with what acts at each row ``shown`` (T, nu), against the measured."""
+    seen = arm.outputs(states, shown)
     columns = {"time": log.time}
     for j in range(1, arm.n + 1):
-        columns |= _input_column(arm, log, j, acting[:, j - 1])
+        columns |= _input_column(arm, log, j, shown[:, j - 1])
         columns[f"motor_position_{j}"] = np.ascontiguousarray(seen["motor_position"][:, j - 1])
         columns[f"joint_position_{j}"] = np.ascontiguousarray(seen["joint_position"][:, j - 1])
     measured = {name: log[name] for name in columns if name in log.columns}

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdagen.control import Controller
+from hdagen.input_stage import InputStage
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference, fitting, posture
@@ -107,13 +108,10 @@ def run(
         raise PlantError(f"the seed is a whole number from 0, not {seed}.")
     random = np.random.default_rng(seed)
     noise = random.normal(size=(count, 2)) * scheme.force_noise
-    seen, state, torque, status = _loop(arm, controller, rows, push, push + noise, q0, scheme, progress)
-    inputs = np.hstack([torque / _constants(arm), push])
-    truth = arm.outputs(state, inputs)
-    commanded = inputs[:, : arm.n]
-    measured = np.vstack([np.zeros(arm.n), commanded[:-1]]) + random.normal(size=commanded.shape) * np.asarray(
-        scheme.current_noise
-    )
+    seen, state, torque, shown, status = _loop(arm, controller, rows, push, push + noise, q0, scheme, progress)
+    commanded = torque / _constants(arm)
+    truth = arm.outputs(state, np.hstack([shown, push]))
+    measured = shown + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)
     columns: dict[str, Array] = {}
     for j in range(arm.n):
         kind = arm.input_names[j].rpartition("_")[0]
@@ -191,24 +189,24 @@ def _loop(
     q0: Array,
     scheme: _Errors,
     progress: Callable[[int, int], None] | None,
-) -> tuple[Array, Array, Array, NDArray[np.int32]]:
-    """Tick by tick: what the encoders said (T, 2n), the states, the torques, the statuses."""
+) -> tuple[Array, Array, Array, Array, NDArray[np.int32]]:
+    """Tick by tick: what the encoders said (T, 2n), the states, the torques sent, what a current sensor reads of them
+    (T, n), the statuses."""
     n, count, period = arm.n, len(rows), controller.guard.period
     steps = max(1, int(np.ceil(period / arm.step_size - 1e-9)))
     x, u, h = arm.rest(q0), np.zeros(arm.nu), np.array([period / steps])
     plant = arm.module.bind("step_exact", x, u, arm.c, h, x)
-    motor = [arm.index(f"motor_position_{j}") if j in arm.manifest["flexible"] else -1 for j in range(1, n + 1)]
-    joint = [arm.index(f"joint_position_{j}") for j in range(1, n + 1)]
-    ratios = np.array([arm.parameters[f"ratio_{j}"] for j in range(1, n + 1)])
-    constants = _constants(arm)
+    shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
+    outputs = {name: np.empty(length) for name, length in shapes}
+    look = arm.module.bind("outputs", x, u, arm.c, *outputs.values())
+    constants, stage = _constants(arm), InputStage(arm, np.zeros(n))
     seen, state = np.empty((count, 2 * n)), np.empty((count, arm.nx))
-    torque, status = np.empty((count, n)), np.empty(count, np.int32)
+    torque, shown, status = np.empty((count, n)), np.empty((count, n)), np.empty(count, np.int32)
     step = np.where(scheme.resolution > 0, scheme.resolution, 1.0)
     controller.restart()
     for k in range(count):
-        q = x[joint]
-        theta = np.where(np.array(motor) >= 0, x[motor], ratios * q)
-        raw = np.concatenate([theta, q])
+        look.run()
+        raw = np.concatenate([outputs["motor_position"], outputs["joint_position"]])
         seen[k] = np.where(scheme.resolution > 0, np.round(raw / step) * step, raw)
         state[k] = x
         late = max(0, k - scheme.delay)
@@ -219,12 +217,13 @@ def _loop(
         # before 0 the arm was at rest and sampled too
         status[k] = controller.tick(k * period, stamp=(k - scheme.delay) * period)
         torque[k] = controller.torque
-        u[:n], u[n:] = torque[k] / constants, push[k]
+        shown[k] = stage.end
+        u[:n], u[n:] = stage.step(torque[k] / constants, period), push[k]
         for _ in range(steps):
             plant.run()
         if progress is not None and k % 500 == 0:
             progress(k, count)
-    return seen, state, torque, status
+    return seen, state, torque, shown, status
 
 
 def ideal(arm: Arm, controller: Controller, push: Array, period: float) -> Array:

@@ -14,8 +14,12 @@ def torque(s: Signals, p: Mapping[str, Any]) -> Any:
 EFFECT = Effect(
     name="current_bias",
     port=Port.MOTOR,
-    parameters=(Parameter("bias", "N m", 0.0, -50.0, 50.0, "constant torque added at the motor"),),
+    parameters=(
+        Parameter(
+            "bias", "N m", 0.0, -50.0, 50.0, "constant torque added at the motor", typical=0.2, scale="coulomb_friction"
+        ),
+    ),
     amplitudes=("bias",),
     equation=torque,
-    citation="Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), offset of the measured force",
+    citation="Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), offset of the measured force, with its size",
 )

@@ -10,20 +10,25 @@ from gen.effect import Effect, Parameter, Port, Signals
 
 
 def angle(s: Signals, p: Mapping[str, Any]) -> Any:
-    """Σ_k a_k sin kθ + b_k cos kθ, k = 1, 2 (once and twice per turn of the wave generator)."""
+    """Σ_k a_k sin kθ + b_k cos kθ, k = 1, 2, 4 (once, twice and four times a turn of the wave generator)."""
     theta = s.motor_position
-    once = p["kinematic_sine_once"] * ca.sin(theta) + p["kinematic_cosine_once"] * ca.cos(theta)
-    return once + p["kinematic_sine_twice"] * ca.sin(2 * theta) + p["kinematic_cosine_twice"] * ca.cos(2 * theta)
+    return sum(
+        p[f"kinematic_sine_{word}"] * ca.sin(k * theta) + p[f"kinematic_cosine_{word}"] * ca.cos(k * theta)
+        for k, word in ORDERS
+    )
 
 
-NAMES = ("kinematic_sine_once", "kinematic_cosine_once", "kinematic_sine_twice", "kinematic_cosine_twice")
+ORDERS = ((1, "once"), (2, "twice"), (4, "four"))
+NAMES = tuple(f"kinematic_{part}_{word}" for _, word in ORDERS for part in ("sine", "cosine"))
 
 EFFECT = Effect(
     name="kinematic_error",
     port=Port.TORSION,
-    parameters=tuple(Parameter(name, "rad", 0.0, -2e-3, 2e-3, "amplitude at the joint") for name in NAMES),
+    parameters=tuple(
+        Parameter(name, "rad", 0.0, -2e-3, 2e-3, "amplitude at the joint", typical=3e-4) for name in NAMES
+    ),
     amplitudes=NAMES,
     equation=angle,
-    citation="Tuttle, Seering, Nonlinear model of a harmonic drive, IEEE Trans. Robot. Autom. 12 (1996) 368",
+    citation="Tuttle, Seering, Nonlinear model of a harmonic drive, IEEE Trans. Robot. Autom. 12 (1996) 368; size: 1 arcmin, Harmonic Drive, CSG/CSF catalogue (2018)",
     rigid=False,
 )

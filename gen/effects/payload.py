@@ -14,9 +14,9 @@ def mass(s: Signals, p: Mapping[str, Any]) -> Any:
 EFFECT = Effect(
     name="payload",
     port=Port.MASS,
-    parameters=(Parameter("payload_mass", "kg", 0.0, 0.0, 100.0, "point mass at the tip"),),
+    parameters=(Parameter("payload_mass", "kg", 0.0, 0.0, 100.0, "point mass at the tip", typical=0.3),),
     amplitudes=("payload_mass",),
     equation=mass,
-    citation="Lagrangian of the chain with a point mass at the tip",
+    citation="Lagrangian of the chain with a point mass at the tip; size: a small gripper, 0.3 kg",
     joints="last",
 )

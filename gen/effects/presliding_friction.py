@@ -5,13 +5,14 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals, State
+from gen.effect import Effect, Parameter, Port, Signals, State, slowed
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:
-    """a · level · (direction − z): the bristle takes the place of the sign of the speed; ż = (θ̇ − |θ̇| z) / δ."""
+    """a · level · (direction − z): the bristle takes the place of the sign of the speed; ż = (θ̇ − |θ̇| z) / max(δ, |θ̇| h):
+    in no less than a step h, which at such speeds nothing can tell from at once."""
     z = s.states["bristle"]
-    rate = (s.motor_velocity - ca.fabs(s.motor_velocity) * z) / p["presliding_angle"]
+    rate = (s.motor_velocity - ca.fabs(s.motor_velocity) * z) / slowed(p["presliding_angle"], s.motor_velocity, p)
     return p["presliding_share"] * s.friction_level * (s.direction - z), (rate,)
 
 
@@ -19,11 +20,27 @@ EFFECT = Effect(
     name="presliding_friction",
     port=Port.MOTOR,
     parameters=(
-        Parameter("presliding_share", "1", 0.0, 0.0, 1.0, "share of dry friction that builds up over a displacement"),
-        Parameter("presliding_angle", "rad", 0.02, 1e-4, 10.0, "motor angle over which it builds up"),
+        Parameter(
+            "presliding_share",
+            "1",
+            0.0,
+            0.0,
+            1.0,
+            "share of dry friction that builds up over a displacement",
+            typical=1.0,
+        ),
+        Parameter(
+            "presliding_angle",
+            "rad",
+            0.02,
+            1e-4,
+            10.0,
+            "motor angle over which it builds up",
+            starts=(0.02, 0.005, 0.1, 0.5),
+        ),
     ),
     amplitudes=("presliding_share",),
     equation=torque,
-    citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, (1)-(3)",
-    states=(State("bristle", "1", 1.0, "deflection against the displacement", stiff=True),),
+    citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, (1)-(3); size: all of it does",
+    states=(State("bristle", "1", 1.0, "deflection against the displacement"),),
 )

@@ -6,13 +6,13 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals, State
+from gen.effect import Effect, Parameter, Port, Signals, State, slowed
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:
-    """h z with dz = (dφ − |dφ| z) / δ."""
+    """h z with dz = (dφ − |dφ| z) / max(δ, |φ̇| h), h the step."""
     z = s.states["hysteresis"]
-    rate = (s.torsion_rate - ca.fabs(s.torsion_rate) * z) / p["hysteresis_angle"]
+    rate = (s.torsion_rate - ca.fabs(s.torsion_rate) * z) / slowed(p["hysteresis_angle"], s.torsion_rate, p)
     return p["hysteresis_torque"] * z, (rate,)
 
 
@@ -20,12 +20,22 @@ EFFECT = Effect(
     name="transmission_hysteresis",
     port=Port.TRANSMISSION,
     parameters=(
-        Parameter("hysteresis_torque", "N m", 0.0, 0.0, 100.0, "half the height of the torque-torsion loop"),
-        Parameter("hysteresis_angle", "rad", 1e-4, 1e-6, 1e-2, "torsion over which the loop turns after a reversal"),
+        Parameter(
+            "hysteresis_torque", "N m", 0.0, 0.0, 100.0, "half the height of the torque-torsion loop", typical=1.0
+        ),
+        Parameter(
+            "hysteresis_angle",
+            "rad",
+            1e-4,
+            1e-6,
+            1e-2,
+            "torsion over which the loop turns after a reversal",
+            starts=(1e-4, 3e-5, 3e-4, 1e-3),
+        ),
     ),
     amplitudes=("hysteresis_torque",),
     equation=torque,
-    citation="Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); paper Fig. 3b",
+    citation="Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); paper Fig. 3b; size: half of K ψ of a CSG-17 (catalogue: loss of 1 arcmin)",
     states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque"),),
     rigid=False,
 )

@@ -1,5 +1,7 @@
-/* What Python calls of the controller, over plain arrays: structs are filled and read here, so that no layout is known outside C. */
+/* What Python calls of the controller and the input stage, over plain arrays: structs are filled and read here, so that no layout is
+ * known outside C. */
 #include "hda_control.h"
+#include "hda_input.h"
 
 enum {
     HDA_CONFIG_WHOLE = 3,                                             /* safe, stale_stamp_ticks, stale_bits_ticks */
@@ -51,7 +53,14 @@ static void bridge_read(void *const *a) {
     memcpy(real + 1 + 2 * HDA_N + HDA_MEASURED, fault.reference, sizeof fault.reference);
 }
 
+static void bridge_input_reset(void *const *a) { hda_input_reset(a[0], a[1], a[2]); }
+
+static void bridge_input_step(void *const *a) { hda_input_step(a[0], a[1], a[2], *(double *)a[3], a[4], a[5]); }
+
 #define HDA_BRIDGE_ENTRIES \
+    {"input_reset", 3, bridge_input_reset, {{"state", 'B', sizeof(hda_input_state), 1}, {"before", 'd', HDA_N, 0}, {"c", 'd', HDA_NC, 0}}}, \
+    {"input_step", 6, bridge_input_step, {{"state", 'B', sizeof(hda_input_state), 1}, {"command", 'd', HDA_N, 0}, {"c", 'd', HDA_NC, 0}, \
+        {"h", 'd', 1, 0}, {"mean", 'd', HDA_N, 1}, {"at_end", 'd', HDA_N, 1}}}, \
     {"controller_configure", 7, bridge_configure, {{"controller", 'B', sizeof(hda_controller), 1}, {"law", 'i', 1, 0}, {"p", 'd', HDA_NP, 0}, \
         {"gains", 'd', HDA_GAINS_MOST, 0}, {"whole", 'i', HDA_CONFIG_WHOLE, 0}, {"real", 'd', HDA_CONFIG_REAL, 0}, {"status", 'i', 1, 1}}}, \
     {"controller_tick", 6, bridge_tick, {{"controller", 'B', sizeof(hda_controller), 1}, {"now", 'd', 1, 0}, {"measurement", 'd', HDA_MEASURED, 0}, \

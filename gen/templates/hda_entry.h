@@ -10,5 +10,5 @@ typedef struct {
     const char *name;
     int count;
     void (*call)(void *const *);
-    hda_argument arguments[12];
+    hda_argument arguments[16];
 } hda_entry;

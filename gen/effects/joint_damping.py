@@ -12,11 +12,13 @@ def torque(s: Signals, p: Mapping[str, Any]) -> Any:
 
 
 EFFECT = Effect(
-    name="torsional_damping",
+    name="joint_damping",
     port=Port.TRANSMISSION,
     parameters=(),
     amplitudes=("torsional_damping",),
     equation=torque,
-    citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, with a dashpot beside the spring",
+    citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, with a dashpot beside the spring; size: no "
+    "catalogue gives it, and published values for one gear differ by a factor of two",
     rigid=False,
+    sizes={"torsional_damping": 0.75},
 )

@@ -1,0 +1,41 @@
+"""A base that yields, as a spring under joint 1. Legend: C compliance, rad/(N m); J the first link's inertia about
+its joint; τ joint torque; ω, ζ frequency and damping of the base; m its deflection by C, N m; r rate of m."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals, State
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """−C J r′, the inertial torque of the turning base, with ṁ = r, r′ = −ω² (m + τ) − 2 ζ ω r. Links farther out
+    are taken to turn with the first."""
+    m, rate = s.states["base_moment"], s.states["base_moment_rate"]
+    omega = p["base_frequency"]
+    change = -omega * omega * (m + s.joint_torque) - 2 * p["base_damping"] * omega * rate
+    inertia = p["inertia"] + p["mass"] * p["center_of_mass"] ** 2
+    return -p["base_compliance"] * inertia * change, (rate, change)
+
+
+EFFECT = Effect(
+    name="base_compliance",
+    port=Port.LINK,
+    parameters=(
+        Parameter(
+            "base_compliance", "rad/(N m)", 0.0, 0.0, 0.001, "turn of the base by the torque of joint 1", typical=2e-05
+        ),
+        Parameter(
+            "base_frequency", "rad/s", 200.0, 20.0, 1000.0, "of the base under the arm", starts=(200.0, 80.0, 400.0)
+        ),
+        Parameter("base_damping", "1", 0.05, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.05, 0.2)),
+    ),
+    amplitudes=("base_compliance",),
+    equation=torque,
+    citation="Lew, Moon, IEEE/ASME Trans. Mechatronics 6 (2001) 123, a base as one mode; size: a bench of 5e4 N m/rad",
+    states=(
+        State("base_moment", "N m", 100.0, "deflection of the base by its compliance"),
+        State("base_moment_rate", "N m/s", 2e4, "its rate"),
+    ),
+    joints="first",
+    prismatic=False,
+)

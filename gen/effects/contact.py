@@ -1,0 +1,68 @@
+"""Something stiff beyond an angle. Legend: q_a, q_b angles above and below which it is met; k_a, k_b stiffnesses, N
+m/rad."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """−k_a max(q − q_a, 0) + k_b max(q_b − q, 0)."""
+    above = ca.fmax(s.joint_position - p["contact_above"], 0)
+    below = ca.fmax(p["contact_below"] - s.joint_position, 0)
+    return p["contact_stiffness_below"] * below - p["contact_stiffness_above"] * above
+
+
+EFFECT = Effect(
+    name="contact",
+    port=Port.LINK,
+    parameters=(
+        Parameter(
+            "contact_stiffness_above",
+            "N m/rad",
+            0.0,
+            0.0,
+            100000.0,
+            "of what is met above an angle",
+            typical=3000.0,
+            sliding="N/m",
+        ),
+        Parameter(
+            "contact_stiffness_below",
+            "N m/rad",
+            0.0,
+            0.0,
+            100000.0,
+            "of what is met below an angle",
+            typical=3000.0,
+            sliding="N/m",
+        ),
+        Parameter(
+            "contact_above",
+            "rad",
+            1.0,
+            -10.0,
+            10.0,
+            "joint angle above which it is met",
+            starts=(1.0, 0.5, 0.0, 2.0),
+            sliding="m",
+        ),
+        Parameter(
+            "contact_below",
+            "rad",
+            -1.0,
+            -10.0,
+            10.0,
+            "joint angle below which it is met",
+            starts=(-1.0, -0.5, 0.0, -2.0),
+            sliding="m",
+        ),
+    ),
+    amplitudes=("contact_stiffness_above", "contact_stiffness_below"),
+    equation=torque,
+    citation="Gilardi, Sharf, Mech. Mach. Theory 37 (2002) 1213, linear elastic contact; size: rubber or wood, 1e5"
+    " N/m at 0.17 m",
+)

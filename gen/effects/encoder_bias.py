@@ -1,0 +1,26 @@
+"""A joint encoder with a wrong zero. Legend: b angle, rad."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def error(s: Signals, p: Mapping[str, Any]) -> Any:
+    """b."""
+    return p["encoder_bias"]
+
+
+EFFECT = Effect(
+    name="encoder_bias",
+    port=Port.SENSOR,
+    parameters=(
+        Parameter(
+            "encoder_bias", "rad", 0.0, -1.0, 1.0, "what the joint encoder reads at q = 0", typical=0.001, sliding="m"
+        ),
+    ),
+    amplitudes=("encoder_bias",),
+    equation=error,
+    citation="Mooring, Roth, Driels, Fundamentals of Manipulator Calibration (1991), joint offsets; size: 0.05°, "
+    "what a mark on the housing gives",
+)

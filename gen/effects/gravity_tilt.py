@@ -1,0 +1,29 @@
+"""The base is not level. Legend: t_x, t_y gravity that comes into the plane by it, m/s²."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def field(s: Signals, p: Mapping[str, Any]) -> Any:
+    """(t_x, t_y), added to gravity."""
+    return p["tilt_x"], p["tilt_y"]
+
+
+EFFECT = Effect(
+    name="gravity_tilt",
+    port=Port.BASE,
+    parameters=(
+        Parameter(
+            "tilt_x", "m/s²", 0.0, -10.0, 10.0, "gravity along x of the base frame besides the stated one", typical=0.85
+        ),
+        Parameter(
+            "tilt_y", "m/s²", 0.0, -10.0, 10.0, "gravity along y of the base frame besides the stated one", typical=0.85
+        ),
+    ),
+    amplitudes=("tilt_x", "tilt_y"),
+    equation=field,
+    citation="Lagrangian of the chain (`gen.lagrangian`); size: 5° of 9.81 m/s²",
+    joints="arm",
+)

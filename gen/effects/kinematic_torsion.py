@@ -1,0 +1,32 @@
+"""The paper's kinematic torsion over the output's turn. Legend: s place in the turn, θ/(2πN) less its whole turns,
+in [0, 1); a_i coefficients, rad."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def angle(s: Signals, p: Mapping[str, Any]) -> Any:
+    """Σ_i a_i (s^i − s), i = 2…5: a polynomial that is continued from turn to turn; its linear part is a ratio
+    error."""
+    turn = s.motor_position / (2 * ca.pi * s.ratio)
+    place = turn - ca.floor(turn)
+    return sum(p[name] * (place**i - place) for i, name in enumerate(NAMES, 2))
+
+
+NAMES = ("kinematic_square", "kinematic_cube", "kinematic_fourth", "kinematic_fifth")
+
+EFFECT = Effect(
+    name="kinematic_torsion",
+    port=Port.TORSION,
+    parameters=tuple(
+        Parameter(name, "rad", 0.0, -0.1, 0.1, "coefficient over a turn of the output", typical=5e-3) for name in NAMES
+    ),
+    amplitudes=NAMES,
+    equation=angle,
+    citation="paper (13), Fig. 14, with the size of its coefficients",
+    rigid=False,
+)

@@ -1,0 +1,44 @@
+"""A link that bends, as an oscillator that hangs on the joint. Legend: m share; J the link's inertia about its
+joint; ω, ζ frequency and damping of the clamped link; a deflection, b its absolute speed."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals, State
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """m J (ω² a + 2 ζ ω (b − q̇)) with ȧ = b − q̇, ḃ = −ω² a − 2 ζ ω (b − q̇)."""
+    a, slip = s.states["bending"], s.states["bending_speed"] - s.joint_velocity
+    omega = p["link_frequency"]
+    pull = omega * omega * a + 2 * p["link_damping"] * omega * slip
+    inertia = p["inertia"] + p["mass"] * p["center_of_mass"] ** 2
+    return p["link_share"] * inertia * pull, (slip, -pull)
+
+
+EFFECT = Effect(
+    name="link_flexibility",
+    port=Port.LINK,
+    parameters=(
+        Parameter("link_share", "1", 0.0, 0.0, 5.0, "inertia of the oscillator by that of the link", typical=0.2),
+        Parameter(
+            "link_frequency",
+            "rad/s",
+            150.0,
+            20.0,
+            1200.0,
+            "of the link with its joint held",
+            starts=(150.0, 60.0, 350.0),
+        ),
+        Parameter("link_damping", "1", 0.02, 0.0, 1.0, "ratio of its damping to the critical one", starts=(0.02, 0.1)),
+    ),
+    amplitudes=("link_share",),
+    equation=torque,
+    citation="Book, Int. J. Robot. Res. 3 (1984) 87, one mode; size: modal mass of a uniform beam's first mode, a "
+    "quarter of it",
+    states=(
+        State("bending", "rad", 0.05, "deflection of the link"),
+        State("bending_speed", "rad/s", 10.0, "speed of the oscillator"),
+    ),
+    prismatic=False,
+)

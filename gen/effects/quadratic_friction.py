@@ -1,0 +1,35 @@
+"""Friction with the square of the speed. Legend: c coefficient, N m s²/rad²; θ̇ motor speed."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """−c θ̇ |θ̇|."""
+    return -p["quadratic_friction"] * s.motor_velocity * ca.fabs(s.motor_velocity)
+
+
+EFFECT = Effect(
+    name="quadratic_friction",
+    port=Port.MOTOR,
+    parameters=(
+        Parameter(
+            "quadratic_friction",
+            "N m s²/rad²",
+            0.0,
+            0.0,
+            1000.0,
+            "friction by the square of the motor speed",
+            typical=0.003,
+            scale="viscous_friction",
+        ),
+    ),
+    amplitudes=("quadratic_friction",),
+    equation=torque,
+    citation="Tuttle, Seering, IEEE Trans. Robot. Autom. 12 (1996) 368, friction beyond linear in speed; size: 30 "
+    "% of the viscous part at 100 rad/s",
+)

@@ -1,0 +1,32 @@
+"""A joint encoder that is read later than the motor's. Legend: d delay, s; q̇, q̈ joint speed and acceleration."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def error(s: Signals, p: Mapping[str, Any]) -> Any:
+    """−d q̇ + d² q̈ / 2."""
+    d = p["sensor_delay"]
+    return d * (0.5 * d * s.joint_acceleration - s.joint_velocity)
+
+
+EFFECT = Effect(
+    name="sensor_delay",
+    port=Port.SENSOR,
+    parameters=(
+        Parameter(
+            "sensor_delay",
+            "s",
+            0.0,
+            -0.01,
+            0.02,
+            "age of the joint encoder's reading against the motor's",
+            typical=0.002,
+        ),
+    ),
+    amplitudes=("sensor_delay",),
+    equation=error,
+    citation="Taylor's series of q(t − d); size: two cycles of 1 ms of a field bus (CiA 402, 2016)",
+)

@@ -1,0 +1,45 @@
+"""Dry friction that peaks at standstill. Legend: τ_s peak above Coulomb friction, N m; ω_s speed at which it has
+faded, rad/s."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def level(s: Signals, p: Mapping[str, Any]) -> Any:
+    """τ_s exp(−(θ̇/ω_s)²)."""
+    return p["stribeck_torque"] * ca.exp(-((s.motor_velocity / p["stribeck_speed"]) ** 2))
+
+
+EFFECT = Effect(
+    name="stribeck_friction",
+    port=Port.FRICTION,
+    parameters=(
+        Parameter(
+            "stribeck_torque",
+            "N m",
+            0.0,
+            0.0,
+            50.0,
+            "dry friction at rest above that in motion",
+            typical=0.4,
+            scale="coulomb_friction",
+        ),
+        Parameter(
+            "stribeck_speed",
+            "rad/s",
+            5.0,
+            0.1,
+            1000.0,
+            "motor speed at which it has fallen to 1/e",
+            starts=(5.0, 1.5, 15.0, 50.0),
+        ),
+    ),
+    amplitudes=("stribeck_torque",),
+    equation=level,
+    citation="Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; size: Kircanski, Goldenberg, "
+    "Int. J. Robot. Res. 16 (1997) 214, harmonic drives",
+)

@@ -1,0 +1,34 @@
+"""Torque per unit of input. Legend: k_t N m/A, or a gain where the input is torque; i input."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def torque(s: Signals, p: Mapping[str, Any]) -> Any:
+    """k_t i."""
+    return (p["torque_constant"] if "torque_constant" in p else p["torque_gain"]) * s.current
+
+
+EFFECT = Effect(
+    name="torque_constant",
+    port=Port.MOTOR,
+    parameters=(
+        Parameter(
+            "torque_gain",
+            "1",
+            1.0,
+            0.0,
+            3.0,
+            "torque that acts by torque that is commanded",
+            typical=0.15,
+            unless="torque_constant",
+        ),
+    ),
+    amplitudes=("torque_constant", "torque_gain"),
+    equation=torque,
+    citation="paper, Table II; size: data sheets give ±10 % at 25 °C and magnets lose 0.1 to 0.2 %/K (maxon, Key "
+    "information (2021))",
+    sizes={"torque_constant": 0.15},
+)

@@ -1,0 +1,32 @@
+"""A ratio that is not the stated one. Legend: e relative error; θ motor angle; N ratio."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gen.effect import Effect, Parameter, Port, Signals
+
+
+def angle(s: Signals, p: Mapping[str, Any]) -> Any:
+    """e θ / N."""
+    return p["ratio_error"] * s.motor_position / s.ratio
+
+
+EFFECT = Effect(
+    name="transmission_ratio",
+    port=Port.TORSION,
+    parameters=(
+        Parameter(
+            "ratio_error",
+            "1",
+            0.0,
+            -0.05,
+            0.05,
+            "relative error of the joint's turn per turn of the motor",
+            typical=0.01,
+        ),
+    ),
+    amplitudes=("ratio_error",),
+    equation=angle,
+    citation="Harmonic Drive, CSG/CSF catalogue (2018): ratio N or N + 1 by which part is held, 1 % at N = 100",
+    rigid=False,
+)

@@ -1,0 +1,34 @@
+"""What the input effects make of a command, as a function to emit; `hda_input.c` runs it row by row.
+
+The order is that of a drive's electronics: the command arrives late, what has arrived is limited and sags with the
+supply, and the current follows that with a lag.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from gen.effect import Port, Signals
+from gen.emitted import Emitted, dense
+from gen.model import Model
+
+SX = ca.SX
+
+
+def law(model: Model, c: Any) -> Emitted:
+    """(command, c) -> current that is let through (n), by how much it is late, s (n), time constant of its lag, s
+    (n). Currents in A, torques in N m where the robot's input is torque."""
+    command = SX.sym("command", model.n)
+    through, late, constant = [], [], []
+    for j in model.joints:
+        p, current = model.of_joint(j), command[j - 1]
+        for effect in model.at(Port.INPUT, j):
+            current = effect.equation(Signals(current=current), p)
+        through.append(current)
+        late.append(sum((e.equation(Signals(), p) for e in model.at(Port.DELAY, j)), SX(0)))
+        constant.append(sum((e.equation(Signals(), p) for e in model.at(Port.LAG, j)), SX(0)))
+    made = {"current": ca.vertcat(*through), "delay": ca.vertcat(*late), "lag": ca.vertcat(*constant)}
+    graph = dense("input_law", {"command": command, "c": c}, made)
+    return Emitted(graph, "what input effects let through of a command, its delay and the time constant of its lag, s")

@@ -1,0 +1,53 @@
+/* The stage before the mechanics: delay, limits and lag of the current.
+ *
+ * Legend: u command, i(u) what limits and sag let through of it, d delay, T time constant of the lag, h row, s; w mean over the row
+ * of i(u(t - d)); y what acts: T dy/dt = w - y.
+ * Nothing here allocates; every loop is bounded.
+ */
+#include "hda.h"
+
+#include <math.h>
+
+void hda_input_reset(hda_input_state *state, const double *before, const double *c) {
+    double delay[HDA_N], lag[HDA_N];
+    hda_input_law(before, c, state->acting, delay, lag);
+    for (int j = 0; j < HDA_N; j++) state->current[0][j] = state->acting[j];
+    state->length[0] = INFINITY;
+    state->newest = 0;
+    state->count = 1;
+}
+
+/* The mean over the newest row of joint j's current, `delay` s late; the oldest row is taken to begin before all time. */
+static double delayed(const hda_input_state *state, int j, double delay) {
+    const double h = state->length[state->newest];
+    double begin = delay, end = delay + h, mean = 0.0; /* of the row that is looked at, after the delay */
+    long row = state->newest;
+    for (long back = 1; back <= state->count; back++) {
+        const double from = back < state->count && begin > 0.0 ? begin : 0.0, to = end < h ? end : h;
+        if (to > from) mean += (to - from) / h * state->current[row][j];
+        if (!(begin > 0.0)) break;
+        row = row ? row - 1 : HDA_INPUT_ROWS - 1;
+        end = begin;
+        begin -= state->length[row];
+    }
+    return mean;
+}
+
+void hda_input_step(hda_input_state *state, const double *command, const double *c, double h, double *mean, double *at_end) {
+    double delay[HDA_N], lag[HDA_N], through[HDA_N];
+    hda_input_law(command, c, through, delay, lag);
+    state->newest = state->newest + 1 < HDA_INPUT_ROWS ? state->newest + 1 : 0;
+    if (state->count < HDA_INPUT_ROWS) state->count++;
+    state->length[state->newest] = h;
+    for (int j = 0; j < HDA_N; j++) state->current[state->newest][j] = through[j];
+    for (int j = 0; j < HDA_N; j++) {
+        const double w = delay[j] > 0.0 ? delayed(state, j, delay[j]) : through[j];
+        mean[j] = at_end[j] = w;
+        if (lag[j] > 0.0) {
+            const double left = exp(-h / lag[j]), behind = state->acting[j] - w;
+            at_end[j] = w + behind * left;
+            mean[j] = w + behind * (1.0 - left) * lag[j] / h;
+        }
+        state->acting[j] = at_end[j];
+    }
+}
