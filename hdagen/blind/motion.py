@@ -56,7 +56,7 @@ def _with_holds(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _swings(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    frequencies = np.exp(rng.uniform(*np.log(_SWINGS), 5))
+    frequencies = np.exp(rng.uniform(math.log(_SWINGS[0]), math.log(_SWINGS[1]), 5))
     amplitudes = rng.uniform(0.5, 1.0, 5) * np.minimum(0.35, 0.16 / frequencies)
     return np.sin(2.0 * np.pi * np.outer(time, frequencies) + rng.uniform(0, 2 * np.pi, 5)) @ amplitudes
 

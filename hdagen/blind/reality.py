@@ -191,24 +191,25 @@ class _Run:
         columns["tip_force_x"], columns["tip_force_y"] = (np.ascontiguousarray(f) for f in self.motion.force.T)
         return columns
 
-    def _sample(self, k: int) -> list[tuple[float, float, float, float]]:
+    def _sample(self, k: int) -> list[tuple[float, ...]]:
         """Row k, and the period after it."""
-        d, row = self.data, []
-        for j in range(2):
+        d = self.data
+        row: list[tuple[float, float, float]] = []
+        for j in (0, 1):
             now = self.commands[0 if not self.delays[j] else int(self.delays[j] / PERIOD)][j]
             current = float(d.act[sum(self.lagging[:j])]) if self.lagging[j] else now
             sensor = self.nominal[j]
             theta = _counted(float(d.qpos[j]), sensor["motor_encoder_resolution"])
             angle = _counted(self._joint_angle(j), sensor["joint_encoder_resolution"])
-            row.append([current + sensor["current_noise"] * float(self.rng.standard_normal()), theta, angle])
-        command = self._control(k, [part[1] for part in row])
+            row.append((current + sensor["current_noise"] * float(self.rng.standard_normal()), theta, angle))
+        command = self._control(k, [theta for _, theta, _ in row])
         held = [min(max(c, -limit), limit) for c, limit in zip(command, self.limits, strict=True)]
         self.commands.appendleft(held)
         for drive in self.drives:
             drive.tick(PERIOD)
         force, before = self.motion.force[k], self.motion.force[max(k - 1, 0)]
         self._advance(k, [float(f) for f in force], [float(f) for f in before])
-        return [(c, *part) for c, part in zip(command, row, strict=True)]
+        return [(c, *read) for c, read in zip(command, row, strict=True)]
 
     def _control(self, k: int, theta: list[float]) -> list[float]:
         """Position loop on the motors' encoders, as a servo drive has it, with the gravity of the robot file."""
@@ -226,7 +227,7 @@ class _Run:
         return command
 
     def _acting(self, j: int, after: float) -> float:
-        """The current that acts over the step about ``after`` s past the last sample (half of it before, half after)."""
+        """The current, A, that acts over the step about ``after`` s past the last sample, half a step either way."""
         if self.lagging[j] and not self.delays[j]:
             return self.commands[0][j]  # MuJoCo's filter takes what is commanded from here on
         at = after - self.delays[j]

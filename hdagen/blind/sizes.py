@@ -91,8 +91,9 @@ def _bias(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> P
 
 
 def _saturation(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    """The limit follows from the largest command of the same reality without it, ``peak``."""
-    return {"limit": base["peak"] * (1.0 - 0.4 * size)}
+    """The limit falls with the size from the largest command of the same reality without it, ``peak``: size 0.5 takes
+    the top eighth, 1.5 the upper half, and in the background it is not reached."""
+    return {"limit": 0.62 * base["peak"] / math.sqrt(size)}
 
 
 def _lag(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
@@ -147,7 +148,7 @@ def _cable(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> 
 
 
 def _contact(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    """A wall as deep inside the reach of the same reality without it, ``lowest`` … ``highest``, as ``size`` says."""
+    """A wall inside the reach of the same reality without it, ``lowest`` … ``highest``; deeper and stiffer with size."""
     side = _sign(rng)
     end = base["highest"] if side > 0 else base["lowest"]
     angle = end - side * 0.12 * size
@@ -194,7 +195,7 @@ SIZES: dict[str, Size] = {
         "motor", 0.25, "of nominal", "10 % of a motor's data sheet, ferrite's 0.2 % a kelvin over 80 K", _torque_constant
     ),
     "current_bias": Size("motor", 0.2, "A", "2 % of the range of a 10 A current sensor", _bias),
-    "current_saturation": Size("input", 0.4, "below the peak asked for", "a drive set for its motor's rating", _saturation),
+    "current_saturation": Size("input", 0.62, "of the peak asked for", "a drive set for its motor's rating", _saturation),
     "current_loop_lag": Size("input", 2e-3, "s", "a current loop of 80 Hz, slow for a servo drive", _lag),
     "command_delay": Size("input", 2e-3, "s", "two cycles of a 1 kHz bus", _delay),
     "transmission_hysteresis": Size(
@@ -212,7 +213,7 @@ SIZES: dict[str, Size] = {
     "payload": Size("link", 0.5, "kg", "a small gripper", _payload, "last"),
     "gravity_tilt": Size("link", math.radians(5.0), "rad", "a stand that was not levelled", _tilt, "arm"),
     "cable_spring": Size("link", 2.0, "N m/rad", "a hose bundle over a joint of this size", _cable),
-    "contact": Size("link", 0.12, "rad inside the reach", "a fixture in the way", _contact),
+    "contact": Size("link", 0.12, "rad inside the reach", "a fixture in the way, of 1e4 N m/rad", _contact),
     "encoder_eccentricity": Size(
         "sensor", 5e-4, "rad", "a disc of 20 mm radius off its centre by 10 micrometres", _eccentricity
     ),
