@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from hdagen.blind.sizes import SIZES, Size
+from hdagen.blind.sizes import SIZES, Size, unknown
 
 BACKGROUND = 0.04  # of every typical size
 LEAST, MOST = 0.5, 1.5  # of the typical size: what a named effect has
@@ -184,24 +184,21 @@ def scattered(robot: Robot, seed: int) -> list[dict[str, float]]:
 
 
 def parameters(
-    case: Case, nominal: Robot, ends: Mapping[int, Mapping[str, float]] | None = None
+    case: Case, nominal: Robot, ends: Mapping[int, Mapping[str, float]]
 ) -> dict[tuple[str, int], dict[str, float]]:
     """Parameters of every effect in reality, by effect and joint (from 1, 0: the arm).
 
-    ``ends``: largest current and angles that the same reality reaches without saturation and walls, ``peak``,
-    ``lowest``, ``highest`` by joint; without it these two effects are left out.
+    ``ends`` by joint: what the motion reaches, ``peak`` current, ``lowest`` and ``highest`` angle, by which saturation
+    and walls are sized.
     """
-    from hdagen.blind.sizes import unknown
-
     truth = {(one.effect, one.joint): one.size for one in case.truth}
     found = {}
     for effect, size in SIZES.items():
         for joint in _joints(size):
             much = truth.get((effect, joint), case.background)
-            if not much or (ends is None and effect in ("contact", "current_saturation")):
-                continue
-            base = {**nominal.joints[max(joint, 1) - 1], **(ends[joint] if ends and joint else {})}
-            found[effect, joint] = size.draw(much, stream(str(case.seed), effect, joint), base)
+            if much:
+                base = {**nominal.joints[max(joint, 1) - 1], **ends[max(joint, 1)]}
+                found[effect, joint] = size.draw(much * size.typical, stream(str(case.seed), effect, joint), base)
     for one in case.truth:
         if one.effect == "unknown":
             found["unknown", one.joint] = unknown(one.size, stream(str(case.seed), "unknown", one.joint))

@@ -4,73 +4,91 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-_PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "HDAGEN_BUILD", "CC", "LD_LIBRARY_PATH")
+_PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "CC", "LD_LIBRARY_PATH")
 _PACKAGE = Path(__file__).parents[2]
+_LOOK = 0.05  # s between looks at whether to stop
+MAKER = (sys.executable, "-P", "-m", "hdagen.blind.make")
 
 
 class ChildError(Exception):
-    """A child that failed; its last words."""
+    """A child that failed or was stopped; its last words."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A command's exit ``code``, last ``words`` and ``seconds``."""
+    """A command's exit ``code``, what it printed, its last ``words`` on standard error, and ``seconds``."""
 
     code: int
+    printed: str
     words: str
     seconds: float
 
 
-def clean_environment() -> dict[str, str]:
+def clean_environment(builds: Path) -> dict[str, str]:
     """What a child may know of this process: where programs and builds are, nothing else."""
     known = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
-    if "HDAGEN_BUILD" in known:
-        known["HDAGEN_BUILD"] = str(Path(known["HDAGEN_BUILD"]).absolute())
-    return {**known, "PYTHONPATH": str(_PACKAGE)}
+    return {**known, "PYTHONPATH": str(_PACKAGE), "HDAGEN_BUILD": str(builds.absolute())}
 
 
-def ask(request: Mapping[str, Any]) -> dict[str, Any]:
-    """The answer of `hdagen.blind.make`; seed and truth go through pipes only. Raises ChildError."""
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "hdagen.blind.make"],
-        input=json.dumps(request),
-        capture_output=True,
-        text=True,
-        env=clean_environment(),
-        check=False,
-    )
-    if done.returncode:
-        raise ChildError(f"a case could not be simulated: {_last(done.stderr)}")
-    return dict(json.loads(done.stdout))
+def ask(request: Mapping[str, Any], builds: Path, stop: threading.Event) -> dict[str, Any]:
+    """The answer of `hdagen.blind.make`; seed and truth go through pipes and memory only. Raises ChildError."""
+    ended = run(MAKER, Path.cwd(), builds, stop, told=json.dumps(request))
+    if ended.code:
+        raise ChildError(f"the case could not be simulated: {ended.words}")
+    return dict(json.loads(ended.printed))
 
 
-def run(command: Sequence[str], folder: Path, most_seconds: float) -> Ended:
-    """Run ``command`` in ``folder``; raises ChildError where it takes longer than ``most_seconds``."""
+def run(
+    command: Sequence[str],
+    folder: Path,
+    builds: Path,
+    stop: threading.Event,
+    most_seconds: float = 3600.0,
+    told: str = "",
+) -> Ended:
+    """Run ``command`` in ``folder`` with ``told`` as its input.
+
+    Its own session: an interrupt from the keyboard reaches it through ``stop`` only, with all its children. Raises
+    ChildError where it takes longer than ``most_seconds`` or is stopped.
+    """
     start = time.monotonic()
+    child = subprocess.Popen(
+        command,
+        cwd=folder,
+        env=clean_environment(builds),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     try:
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            stdin=subprocess.DEVNULL,
-            env=clean_environment(),
-            timeout=most_seconds,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        raise ChildError(f"{command[3]} was stopped after {most_seconds:g} s") from None
-    return Ended(done.returncode, _last(done.stderr), time.monotonic() - start)
+        while True:
+            try:
+                printed, complained = child.communicate(told, timeout=_LOOK)
+                break
+            except subprocess.TimeoutExpired:
+                if stop.is_set():
+                    raise ChildError("stopped") from None
+                if time.monotonic() - start > most_seconds:
+                    raise ChildError(f"it was stopped after {most_seconds:g} s") from None
+    finally:
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGKILL)
+            child.communicate()
+    return Ended(child.returncode, printed, _last(complained), time.monotonic() - start)
 
 
 def _last(words: str) -> str:
-    lines = [line for line in words.strip().splitlines() if line.strip()]
-    return lines[-1][:300] if lines else "without a word"
+    lines = [line for line in words.splitlines() if line.strip()]
+    return lines[-1].strip()[:300] if lines else "without a word"

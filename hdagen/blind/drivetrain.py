@@ -121,6 +121,8 @@ class Drivetrain:
         self.ripple, self.stribeck = effects.get("torque_ripple"), effects.get("stribeck_friction")
         self.load, self.asymmetry = effects.get("load_dependent_friction"), effects.get("asymmetric_friction")
         self.presliding, self.thermal = effects.get("presliding_friction"), effects.get("thermal_friction")
+        special = (self.ripple, self.stribeck, self.load, self.asymmetry, self.presliding, self.thermal)
+        self.plain = not any(special)
         self.warm, self.cold_share = 0.0, 1.0  # share of the settled temperature, and of the cold friction left
         self.lost = 0.0  # J that friction took since the last tick
         self.bristle = 0.0  # rad
@@ -145,9 +147,14 @@ class Drivetrain:
         lead, slope = self._kinematic(theta) if self.kinematic else (0.0, 0.0)
         phi = theta / self.ratio - q + lead
         rate = omega * (1.0 / self.ratio + slope) - v
-        tau = self._transmission(phi, rate)
+        if self.slip or self.gap:
+            tau = self._transmission(phi, rate)
+        else:
+            tau = self.level * self.springs.torque(phi) + self.damping * rate
         motor = self.bias - self.viscous * self.cold_share * omega - tau * (1.0 / self.ratio + slope)
         level = self.dry
+        if self.plain:
+            return motor, level, tau
         if self.stribeck:
             p = self.stribeck
             level += p["torque"] * math.exp(-((abs(omega) / p["speed"]) ** p["exponent"]))

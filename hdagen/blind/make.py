@@ -18,7 +18,7 @@ import numpy as np
 
 from hdagen.blind.cases import Case, Robot, cases, parameters, robots, scattered
 from hdagen.blind.motion import Motion, circle, rich
-from hdagen.blind.reality import World, simulate
+from hdagen.blind.reality import MOST_CURRENT, World, simulate
 from hdagen.log import write
 
 Parameters = dict[tuple[str, int], dict[str, float]]
@@ -37,14 +37,16 @@ def make(
     seed = case.seed ^ (motion == "hold_out")
     if found is not None:
         return simulate(_world(case, robot, found), robot.joints, path, seed), found, 0.0
+    ends = _ends(path)
     without = None
-    if case.truth or case.background:
+    if case.truth:
         named = {(one.effect, one.joint) for one in case.truth}
-        quiet = {key: value for key, value in parameters(case, robot).items() if key not in named}
+        quiet = {key: value for key, value in parameters(case, robot, ends).items() if key not in named}
         without = simulate(_world(case, robot, quiet), robot.joints, path, seed)
-    found = parameters(case, robot, _ends(without) if without else None)
+        ends = {j: {**ends[j], "peak": float(np.abs(without[f"motor_current_command_{j}"]).max())} for j in ends}
+    found = parameters(case, robot, ends)
     log = simulate(_world(case, robot, found), robot.joints, path, seed)
-    return log, found, _snr(log, without, robot) if case.truth and without else 0.0
+    return log, found, _snr(log, without, robot) if without else 0.0
 
 
 def _motion(case: Case, robot: Robot, motion: str) -> Motion:
@@ -59,15 +61,12 @@ def _world(case: Case, robot: Robot, found: Parameters) -> World:
     return World(scattered(robot, case.seed), of_joints[1:], of_joints[0], robot.gravity)
 
 
-def _ends(log: Mapping[str, np.ndarray]) -> dict[int, dict[str, float]]:
-    """What the motion reaches."""
+def _ends(path: Motion) -> dict[int, dict[str, float]]:
+    """What the motion reaches at each joint, and the most that the controller may ask for."""
+    reached = zip(path.position.min(axis=0), path.position.max(axis=0), strict=True)
     return {
-        j: {
-            "peak": float(np.abs(log[f"motor_current_command_{j}"]).max()),
-            "lowest": float(log[f"joint_position_{j}"].min()),
-            "highest": float(log[f"joint_position_{j}"].max()),
-        }
-        for j in (1, 2)
+        j: {"peak": MOST_CURRENT, "lowest": float(low), "highest": float(high)}
+        for j, (low, high) in enumerate(reached, 1)
     }
 
 

@@ -237,35 +237,48 @@ class _Run:
         return old + share * (new - old)
 
     def _advance(self, k: int, force: list[float], before: list[float]) -> None:
-        m, d, drives = self.model, self.data, self.drives
+        m, d = self.model, self.data
         applied, control, loss = d.qfrc_applied, d.ctrl, m.dof_frictionloss
         position, velocity = d.qpos, d.qvel
-        l1, l2 = (joint["length"] for joint in self.world.joints)
+        first, second = self.drives
+        loaded = [bool(drive.cable or drive.unknown) for drive in self.drives]
+        late = [j for j in (0, 1) if self.late[j]]
         pushed = any(force) or any(before)
-        ahead = self.ahead
-        for n in range(STEPS):
-            time = k * PERIOD + n * STEP
-            x, last = position.tolist(), velocity.tolist()
-            w = [1.5 * a - 0.5 * b for a, b in zip(last, ahead, strict=True)]
-            ahead = last
-            for j in (0, 1):
-                self.seen[j].append(x[2 + j])
-                drive = drives[j]
-                motor, level, tau = drive.torques(x[j], w[j], x[2 + j], w[2 + j])
-                applied[j] = motor
-                control[j] = self._acting(j, n * STEP)
-                loss[j] = level
-                applied[2 + j] = tau
-                if drive.cable or drive.unknown:
-                    applied[2 + j] += drive.link_torque(x[2 + j], w[2 + j], x[3 - j], time)
+        a1, a2, a3, a4 = self.ahead
+        for n, (i1, i2) in enumerate(zip(self._currents(0), self._currents(1), strict=True)):
+            theta1, theta2, q1, q2 = position.tolist()
+            v1, v2, v3, v4 = velocity.tolist()
+            w3, w4 = 1.5 * v3 - 0.5 * a3, 1.5 * v4 - 0.5 * a4
+            motor1, level1, tau1 = first.torques(theta1, 1.5 * v1 - 0.5 * a1, q1, w3)
+            motor2, level2, tau2 = second.torques(theta2, 1.5 * v2 - 0.5 * a2, q2, w4)
+            a1, a2, a3, a4 = v1, v2, v3, v4
+            for j in late:
+                self.seen[j].append(q2 if j else q1)
+            if loaded[0]:
+                tau1 += first.link_torque(q1, w3, q2, k * PERIOD + n * STEP)
+            if loaded[1]:
+                tau2 += second.link_torque(q2, w4, q1, k * PERIOD + n * STEP)
             if pushed:
-                fx, fy = force if n else (0.5 * (a + b) for a, b in zip(force, before, strict=True))
-                angle, both = x[2], x[2] + x[3]
-                x2, y2 = l2 * math.cos(both), l2 * math.sin(both)
-                applied[3] += x2 * fy - y2 * fx
-                applied[2] += (x2 + l1 * math.cos(angle)) * fy - (y2 + l1 * math.sin(angle)) * fx
+                fx, fy = force if n else [0.5 * (old + new) for old, new in zip(before, force, strict=True)]
+                add1, add2 = self._push(fx, fy, q1, q2)
+                tau1, tau2 = tau1 + add1, tau2 + add2
+            applied[:] = (motor1, motor2, tau1, tau2)
+            control[0], control[1] = i1, i2
+            loss[0], loss[1] = level1, level2
             mujoco.mj_step(m, d)
-        self.ahead = ahead
+        self.ahead = [a1, a2, a3, a4]
+
+    def _currents(self, j: int) -> list[float]:
+        """The current, A, that each step of a period takes."""
+        if not self.delays[j]:
+            return [self._acting(j, 0.0), *[self.commands[0][j]] * (STEPS - 1)]
+        return [self._acting(j, n * STEP) for n in range(STEPS)]
+
+    def _push(self, fx: float, fy: float, q1: float, q2: float) -> tuple[float, float]:
+        """Joint torques, N m, of a force on the tip."""
+        l1, l2 = (joint["length"] for joint in self.world.joints)
+        x2, y2 = l2 * math.cos(q1 + q2), l2 * math.sin(q1 + q2)
+        return (x2 + l1 * math.cos(q1)) * fy - (y2 + l1 * math.sin(q1)) * fx, x2 * fy - y2 * fx
 
     def _joint_angle(self, j: int) -> float:
         """What the joint's encoder shows, rad: read late, off its centre, zeroed at the home position."""

@@ -1,7 +1,6 @@
 """The effects that a reality may have: place, typical size with its source, and how the rest of each is drawn.
 
-``size`` multiplies the typical size throughout: 1 is typical, 0.5 to 1.5 is what a named effect has, 0.04 what the
-background has. The formulas stand in `hdagen.blind.drivetrain` and `hdagen.blind.reality`.
+A named effect has 0.5 to 1.5 times its typical size, one of the background 0.04 times. The formulas stand in `hdagen.blind.drivetrain` and `hdagen.blind.reality`.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ Draw = Callable[[float, np.random.Generator, Mapping[str, float]], Parameters]
 
 @dataclass(frozen=True)
 class Size:
-    """An effect's ``place``, ``typical`` size in ``unit``, the ``source`` of that size, and ``draw`` (size, rng, base
-    parameters of the joint's drive) -> its parameters. ``joints``: "each", "last" or "arm" (named at 0)."""
+    """An effect's ``place``, ``typical`` size in ``unit``, the ``source`` of that size, and ``draw``: (amount, in ``unit``;
+    generator; base parameters of the joint, and what the motion reaches there) -> its parameters. ``joints``: "each", "last" or "arm" (named at 0)."""
 
     place: str
     typical: float
@@ -37,135 +36,132 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(math.exp(rng.uniform(math.log(low), math.log(high))))
 
 
-def _coulomb(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    change = 0.5 * size * _sign(rng)
-    return {"torque": change * base["coulomb_friction"]}
+def _coulomb(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"torque": amount * _sign(rng) * base["coulomb_friction"]}
 
 
-def _viscous(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"coefficient": 1e-4 * size}
+def _viscous(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"coefficient": amount}
 
 
-def _stribeck(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    torque = 0.4 * size * base["coulomb_friction"]
+def _stribeck(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    torque = amount * base["coulomb_friction"]
     return {"torque": torque, "speed": _log_uniform(rng, 5.0, 25.0), "exponent": float(rng.uniform(0.7, 1.6))}
 
 
-def _asymmetric(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"torque": 0.25 * size * _sign(rng) * base["coulomb_friction"], "speed": 1.0}
+def _asymmetric(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"torque": amount * _sign(rng) * base["coulomb_friction"], "speed": 1.0}
 
 
-def _load_dependent(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"share": 0.2 * size, "rounding": 1.0}
+def _load_dependent(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"share": amount, "rounding": 1.0}
 
 
-def _presliding(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"share": min(0.6 * size, 1.0), "angle": _log_uniform(rng, 0.05, 0.3), "damping": 0.02}
+def _presliding(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"share": min(amount, 1.0), "angle": _log_uniform(rng, 0.05, 0.3), "damping": 0.02}
 
 
-def _thermal(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+def _thermal(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     """``drop`` at the temperature that 3 W would settle at; ``time`` constant, s, of the lubricant's heat balance."""
-    return {"drop": 0.5 * size, "time": _log_uniform(rng, 2.0, 8.0), "power": 3.0}
+    return {"drop": amount, "time": _log_uniform(rng, 2.0, 8.0), "power": 3.0}
 
 
-def _ripple(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+def _ripple(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     order = float(rng.choice([1, 2, 4, 6, 7, 8, 11, 12, 14]))
-    second, torque = 2.0 * order, 4e-3 * size
     phases = rng.uniform(0.0, 2.0 * math.pi, 2)
     return {
         "order": order,
-        "torque": torque,
+        "torque": amount,
         "phase": float(phases[0]),
-        "second_order": second,
-        "second_torque": 0.3 * torque,
+        "second_order": 2.0 * order,
+        "second_torque": 0.3 * amount,
         "second_phase": float(phases[1]),
     }
 
 
-def _torque_constant(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"factor": 1.0 + 0.25 * size * _sign(rng)}
+def _torque_constant(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"factor": 1.0 + amount * _sign(rng)}
 
 
-def _bias(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"current": 0.2 * size * _sign(rng)}
+def _bias(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"current": amount * _sign(rng)}
 
 
-def _saturation(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+def _saturation(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     """The limit falls with the size from the largest command of the same reality without it, ``peak``: size 0.5 takes
     the top eighth, 1.5 the upper half, and in the background it is not reached."""
-    return {"limit": 0.62 * base["peak"] / math.sqrt(size)}
+    return {"limit": base["peak"] / math.sqrt(amount)}
 
 
-def _lag(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"time": 2e-3 * size}
+def _lag(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"time": amount}
 
 
-def _delay(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"time": 2e-3 * size}
+def _delay(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"time": amount}
 
 
-def _hysteresis(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"torque": 1.45 * size, "angle": _log_uniform(rng, 1e-4, 3e-4)}
+def _hysteresis(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"torque": amount, "angle": _log_uniform(rng, 1e-4, 3e-4)}
 
 
-def _kinematic(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+def _kinematic(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     phases = rng.uniform(0.0, 2.0 * math.pi, 3)
     once = float(rng.uniform(0.2, 0.6))
-    amplitude = 2e-4 * size
     return {
-        "twice": amplitude,
+        "twice": amount,
         "twice_phase": float(phases[0]),
-        "once": once * amplitude,
+        "once": once * amount,
         "once_phase": float(phases[1]),
-        "fourth": 0.1 * amplitude,
+        "fourth": 0.1 * amount,
         "fourth_phase": float(phases[2]),
     }
 
 
-def _backlash(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"width": 5e-4 * size}
+def _backlash(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"width": amount}
 
 
-def _stiffness(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"factor": 1.0 + 0.35 * size * _sign(rng)}
+def _stiffness(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"factor": 1.0 + amount * _sign(rng)}
 
 
-def _damping(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"factor": 1.0 + size}
+def _damping(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"factor": 1.0 + amount}
 
 
-def _payload(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"mass": 0.5 * size}
+def _payload(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"mass": amount}
 
 
-def _tilt(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+def _tilt(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     """``angle`` of the base, rad; an arm that lies flat tilts towards ``direction``, a standing one in its plane."""
-    return {"angle": math.radians(5.0) * size * _sign(rng), "direction": float(rng.uniform(-math.pi, math.pi))}
+    return {"angle": amount * _sign(rng), "direction": float(rng.uniform(-math.pi, math.pi))}
 
 
-def _cable(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"stiffness": 2.0 * size, "rest": float(rng.uniform(-0.3, 0.3))}
+def _cable(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"stiffness": amount, "rest": float(rng.uniform(-0.3, 0.3))}
 
 
-def _contact(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    """A wall inside the reach of the same reality without it, ``lowest`` … ``highest``; deeper and stiffer with size."""
+def _contact(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    """A wall inside the reach of the motion, ``lowest`` … ``highest``; deeper and stiffer with size."""
     side = _sign(rng)
     end = base["highest"] if side > 0 else base["lowest"]
-    angle = end - side * 0.12 * size
+    angle = end - side * amount
     return {
         "angle": angle,
         "side": side,
-        "stiffness": _log_uniform(rng, 3e3, 3e4),
+        "stiffness": amount * _log_uniform(rng, 4e4, 1.6e5),
         "damping": float(rng.uniform(0.2, 0.6)),
     }
 
 
-def _eccentricity(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"share": 5e-4 * size, "phase": float(rng.uniform(-math.pi, math.pi))}
+def _eccentricity(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"share": amount, "phase": float(rng.uniform(-math.pi, math.pi))}
 
 
-def _sensor_delay(size: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"time": 2e-3 * size}
+def _sensor_delay(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
+    return {"time": amount}
 
 
 SIZES: dict[str, Size] = {
@@ -182,43 +178,69 @@ SIZES: dict[str, Size] = {
         "motor", 0.25, "of Coulomb", "differences by direction of 10 to 40 % are usual in geared joints", _asymmetric
     ),
     "load_dependent_friction": Size(
-        "motor", 0.2, "of transmitted torque", "efficiency of about 75 % of a CSG gear near rated torque", _load_dependent
+        "motor",
+        0.2,
+        "of transmitted torque",
+        "efficiency of about 75 % of a CSG gear near rated torque",
+        _load_dependent,
     ),
     "presliding_friction": Size(
         "motor", 0.6, "share", "Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419", _presliding
     ),
     "thermal_friction": Size(
-        "motor", 0.5, "drop", "grease thins by half over some 20 K; the film warms in seconds, the housing later", _thermal
+        "motor",
+        0.5,
+        "drop",
+        "grease thins by half over some 20 K; the film warms in seconds, the housing later",
+        _thermal,
     ),
     "torque_ripple": Size("motor", 4e-3, "N m", "4 % of the 0.105 N m that the motor gives at 2 A", _ripple),
     "torque_constant": Size(
-        "motor", 0.25, "of nominal", "10 % of a motor's data sheet, ferrite's 0.2 % a kelvin over 80 K", _torque_constant
+        "motor",
+        0.25,
+        "of nominal",
+        "10 % of a motor's data sheet, ferrite's 0.2 % a kelvin over 80 K",
+        _torque_constant,
     ),
     "current_bias": Size("motor", 0.2, "A", "2 % of the range of a 10 A current sensor", _bias),
-    "current_saturation": Size("input", 0.62, "of the peak asked for", "a drive set for its motor's rating", _saturation),
+    "current_saturation": Size(
+        "input", 2.6, "square of peak by limit", "a drive set for its motor's rating", _saturation
+    ),
     "current_loop_lag": Size("input", 2e-3, "s", "a current loop of 80 Hz, slow for a servo drive", _lag),
     "command_delay": Size("input", 2e-3, "s", "two cycles of a 1 kHz bus", _delay),
     "transmission_hysteresis": Size(
-        "transmission", 1.45, "N m", "half the catalogue's loss of 1 arcmin times its stiffness of 1e4 N m/rad", _hysteresis
+        "transmission",
+        1.45,
+        "N m",
+        "half the catalogue's loss of 1 arcmin times its stiffness of 1e4 N m/rad",
+        _hysteresis,
     ),
     "kinematic_error": Size(
-        "transmission", 2e-4, "rad", "transmission accuracy of 1.5 arcmin from peak to peak; "
-        "Tuttle, Seering, IEEE Trans. Robot. Autom. 12 (1996) 368", _kinematic
+        "transmission",
+        2e-4,
+        "rad",
+        "transmission accuracy of 1.5 arcmin from peak to peak; "
+        "Tuttle, Seering, IEEE Trans. Robot. Autom. 12 (1996) 368",
+        _kinematic,
     ),
     "backlash": Size("transmission", 5e-4, "rad", "a worn coupling: 1.7 arcmin at the joint", _backlash),
     "stiffness": Size(
-        "transmission", 0.35, "of nominal", "catalogue stiffness is an average; gears measured differ by a third", _stiffness
+        "transmission",
+        0.35,
+        "of nominal",
+        "catalogue stiffness is an average; gears measured differ by a third",
+        _stiffness,
     ),
     "joint_damping": Size("transmission", 1.0, "of nominal", "damping is known to a factor of two", _damping),
     "payload": Size("link", 0.5, "kg", "a small gripper", _payload, "last"),
     "gravity_tilt": Size("link", math.radians(5.0), "rad", "a stand that was not levelled", _tilt, "arm"),
     "cable_spring": Size("link", 2.0, "N m/rad", "a hose bundle over a joint of this size", _cable),
-    "contact": Size("link", 0.12, "rad inside the reach", "a fixture in the way, of 1e4 N m/rad", _contact),
+    "contact": Size("link", 0.12, "rad inside the reach", "a fixture in the way, of about 1e4 N m/rad", _contact),
     "encoder_eccentricity": Size(
         "sensor", 5e-4, "rad", "a disc of 20 mm radius off its centre by 10 micrometres", _eccentricity
     ),
     "sensor_delay": Size("sensor", 2e-3, "s", "two cycles of a 1 kHz bus", _sensor_delay),
-}  # fmt: skip
+}
 
 UNKNOWN_KINDS = ("product", "vibration", "hysteretic_cubic", "detent")
 UNKNOWN_TYPICAL = 1.5  # N m at the joint: about the torque that hysteresis of the gear has

@@ -3,40 +3,50 @@
 from __future__ import annotations
 
 import json
-import os
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from hdagen.blind.cases import Case, Robot, cases, robots
 from hdagen.blind.child import ask
+from hdagen.blind.run import replace
 
 
 def write(out: Path, kind: str, count: int, seed: str, jobs: int, said: Callable[[str], None]) -> Path:
     """``out``/``kind``/case-000 … with robot.toml, log.parquet and hold_out.parquet, and labels.json; returns its
-    folder. Cases that are whole already are kept."""
+    folder."""
     folder = out / kind
     folder.mkdir(parents=True, exist_ok=True)
-    drawn, arms, labels = cases(seed, kind, count), robots(seed), {}
+    drawn, arms, stop = cases(seed, kind, count), robots(seed), threading.Event()
+    labels: dict[str, dict[str, object]] = {}
 
     def one(index: int) -> tuple[str, dict[str, object]]:
         name = f"case-{index:03d}"
-        return name, _case(folder / name, seed, index, drawn[index], arms[drawn[index].robot])
+        return name, _case(folder / name, seed, index, drawn[index], arms[drawn[index].robot], stop)
 
-    with ThreadPoolExecutor(jobs) as pool:
+    pool = ThreadPoolExecutor(jobs)
+    try:
         for done, (name, label) in enumerate(pool.map(one, range(count)), 1):
             labels[name] = label
             said(f"{kind}: {done} of {count} cases")
-            _replace(folder / "labels.json", json.dumps(labels, indent=1))
+            replace(folder / "labels.json", json.dumps(labels, indent=1))
+    finally:
+        stop.set()
+        pool.shutdown(cancel_futures=True)
     return folder
 
 
-def _case(folder: Path, seed: str, index: int, case: Case, robot: Robot) -> dict[str, object]:
+def _case(folder: Path, seed: str, index: int, case: Case, robot: Robot, stop: threading.Event) -> dict[str, object]:
     folder.mkdir(exist_ok=True)
-    _replace(folder / "robot.toml", robot.toml())
+    replace(folder / "robot.toml", robot.toml())
     request = {"seed": seed, "kind": case.kind, "index": index}
-    told = ask({**request, "motion": "log", "out": str(folder / "log.parquet")})
-    ask({**request, "motion": "hold_out", "out": str(folder / "hold_out.parquet"), "truth": told["parameters"]})
+    told = ask({**request, "motion": "log", "out": str(folder / "log.parquet")}, folder, stop)
+    ask(
+        {**request, "motion": "hold_out", "out": str(folder / "hold_out.parquet"), "truth": told["parameters"]},
+        folder,
+        stop,
+    )
     names = [str(one) for one in case.truth]
     return {
         "verdict": names,
@@ -45,9 +55,3 @@ def _case(folder: Path, seed: str, index: int, case: Case, robot: Robot) -> dict
         "background": case.background,
         "parameters": {name: told["parameters"][name] for name in names},
     }
-
-
-def _replace(path: Path, text: str) -> None:
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)

@@ -1,0 +1,37 @@
+"""The bars of a check by kind: figure, whether it has to be at least or at most, and the value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from hdagen.blind.figures import Figure
+
+
+@dataclass(frozen=True)
+class Bar:
+    """``figure`` must be at least (or, ``most``, at most) ``value``."""
+
+    figure: str
+    value: float
+    most: bool = False
+
+    def met(self, found: Figure) -> bool:
+        """Whether the value found reaches it, without regard to its interval."""
+        return found.value <= self.value if self.most else found.value >= self.value
+
+
+_EVERY = (
+    Bar("closed", 0.9),
+    Bar("worse", 0.0, most=True),
+    Bar("seconds", 20.0, most=True),
+    Bar("failed", 0.0, most=True),
+)
+BARS: Mapping[str, tuple[Bar, ...]] = {
+    "single": (Bar("effect", 0.95), Bar("joint", 0.98), Bar("place", 0.98), Bar("p_truth", 0.85), *_EVERY),
+    "background": (Bar("effect", 0.92), Bar("calibration_error", 0.05, most=True), *_EVERY),
+    "none": (Bar("false_alarm", 0.01, most=True), *_EVERY[1:]),
+    "unknown": (Bar("unknown_found_at_joint", 0.9), *_EVERY[1:]),
+    "pair": (Bar("pair_f1", 0.85), *_EVERY),
+    "task": (Bar("effect", 0.8), Bar("confounded_where_wrong", 0.95), *_EVERY),
+}

@@ -1,0 +1,195 @@
+"""A check: cases are made, diagnosed by processes that know nothing, measured on held-out motion, and only then read
+against their labels."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdagen import __version__
+from hdagen.blind import seal
+from hdagen.blind.cases import Case, Robot, cases, robots
+from hdagen.blind.child import ChildError, ask, run
+from hdagen.blind.score import Row, judged
+from hdagen.log import LogError, read
+
+HDAGEN = (sys.executable, "-P", "-m", "hdagen")
+MOST_SECONDS = 600.0  # of a diagnosis
+_SMALLEST = 1e-3  # multiple of noise below which an error counts as this, as in docs/replay.md
+
+
+class BlindError(Exception):
+    """A check that cannot be run; a sentence."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What is asked for. ``out``: folder of the results; ``keep``: logs and pages of the cases stay there;
+    ``program``: what is run as ``hdagen`` (another one in tests)."""
+
+    kind: str
+    count: int
+    seed: str
+    jobs: int
+    out: Path
+    keep: bool = False
+    program: tuple[str, ...] = HDAGEN
+
+
+def check(asked: Check, said: Callable[[str], None]) -> tuple[list[Row], seal.Seal]:
+    """Run a check; returns its rows in the cases' order and the seal that was opened.
+
+    What is finished stays in ``out``/cases and is not done again when the same seed comes back. Raises BlindError,
+    ChildError where a case cannot be simulated, seal.SealError, KeyboardInterrupt.
+    """
+    drawn = cases(asked.seed, asked.kind, asked.count)
+    labels = {case.name: case.label() for case in drawn}
+    closed = seal.close(labels, asked.seed)
+    _claim(asked, closed)
+    said(f"sealed: {closed.count} labels, SHA-256 {closed.digest}")
+    told: dict[str, dict[str, Any]] = {}
+    for done, (name, answer) in enumerate(_all(asked, drawn, said), 1):
+        told[name] = answer
+        assert done <= asked.count
+    seal.open_(labels, asked.seed, closed)
+    said(f"opened: the {closed.count} labels are those that were sealed; the seed was {asked.seed}")
+    return [_row(asked, case, labels[case.name], told[case.name]) for case in drawn], closed
+
+
+def _claim(asked: Check, closed: seal.Seal) -> None:
+    """The folder belongs to this check, or to nobody yet."""
+    asked.out.mkdir(parents=True, exist_ok=True)
+    path = asked.out / "seal.json"
+    mine = {"seal": closed.digest, "kind": asked.kind, "cases": asked.count, "version": __version__}
+    if path.exists():
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            found = None
+        if found != mine:
+            raise BlindError(
+                f"{asked.out}: holds another check (other seed, kind, number of cases or version); "
+                "name another folder with --out, or give the seed it was started with to go on."
+            )
+        return
+    if any(asked.out.iterdir()):
+        raise BlindError(f"{asked.out}: is not empty and holds no check; name another folder with --out.")
+    replace(path, json.dumps(mine, indent=1))
+
+
+def _all(asked: Check, drawn: tuple[Case, ...], said: Callable[[str], None]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(name, what is true) of every case, as they end; at most ``jobs`` at once."""
+    arms, stop, start = robots(asked.seed), threading.Event(), time.monotonic()
+    pool = ThreadPoolExecutor(asked.jobs)
+    waiting: dict[Future[dict[str, Any]], str] = {
+        pool.submit(_one, asked, index, case, arms[case.robot], stop): case.name for index, case in enumerate(drawn)
+    }
+    try:
+        while waiting:
+            ended, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in ended:
+                yield waiting.pop(future), future.result()
+            done = asked.count - len(waiting)
+            left = (time.monotonic() - start) / done * len(waiting)
+            said(f"{done} of {asked.count} cases, about {_clock(left)} left")
+    finally:
+        stop.set()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _clock(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+
+
+def _one(asked: Check, index: int, case: Case, robot: Robot, stop: threading.Event) -> dict[str, Any]:
+    """Make a case, have it diagnosed, measure the gap; returns what is true of it, which no file holds."""
+    folder, builds = asked.out / "cases" / case.name, asked.out / "builds"
+    if "HDAGEN_BUILD" in os.environ:
+        builds = Path(os.environ["HDAGEN_BUILD"])
+    folder.mkdir(parents=True, exist_ok=True)
+    request = {"seed": asked.seed, "kind": case.kind, "index": index}
+    log, held = folder / "log.parquet", folder / "hold_out.parquet"
+    truth = ask({**request, "motion": "log", "out": str(log.absolute())}, builds, stop)
+    if not (folder / "result.json").exists():
+        replace(folder / "robot.toml", robot.toml())
+        result: dict[str, Any]
+        try:
+            result = _diagnosed(asked, folder, builds, stop)
+            known = {"motion": "hold_out", "out": str(held.absolute()), "truth": truth["parameters"]}
+            ask({**request, **known}, builds, stop)
+            result |= _gaps(asked, folder, robot, builds, stop)
+        except ChildError as error:
+            if stop.is_set():
+                raise
+            result = {"failed": str(error)}
+        replace(folder / "result.json", json.dumps(result, indent=1))
+    if not asked.keep:
+        for path in [*folder.glob("*.parquet"), *(folder / "out").glob("*.html")]:
+            path.unlink()
+    return truth
+
+
+def _diagnosed(asked: Check, folder: Path, builds: Path, stop: threading.Event) -> dict[str, Any]:
+    """Seconds that the diagnosis took; raises ChildError where it leaves no diagnosis.json."""
+    command = [*asked.program, "diagnose", "robot.toml", "log.parquet", "--out", "out"]
+    ended = run(command, folder, builds, stop, MOST_SECONDS)
+    if not (folder / "out" / "diagnosis.json").is_file():
+        raise ChildError(f"diagnose left no diagnosis.json (exit code {ended.code}): {ended.words}")
+    return {"seconds": ended.seconds, "code": ended.code}
+
+
+def _gaps(asked: Check, folder: Path, robot: Robot, builds: Path, stop: threading.Event) -> dict[str, Any]:
+    """The replay's gap on the hold-out, before and after the diagnosis."""
+    found: dict[str, Any] = {}
+    for name, more in (("before", []), ("after", ["--with", "out/diagnosis.json"])):
+        command = [*asked.program, "replay", "robot.toml", "hold_out.parquet", *more, "--out", f"{name}.parquet"]
+        ended = run(command, folder, builds, stop, MOST_SECONDS)
+        if ended.code:
+            raise ChildError(f"replay {' '.join(more)} ended with exit code {ended.code}: {ended.words}")
+        try:
+            value = gap(folder / f"{name}.parquet", folder / "hold_out.parquet", robot)
+        except (LogError, KeyError) as error:
+            raise ChildError(f"what replay wrote cannot be read: {error}") from None
+        found[name] = value if math.isfinite(value) else None
+    return found
+
+
+def gap(predicted: Path, measured: Path, robot: Robot) -> float:
+    """Root mean square error of each channel in multiples of its noise, joined as a geometric mean."""
+    a, b = read(predicted), read(measured)
+    rows, errors = min(len(a), len(b)), []
+    for j, joint in enumerate(robot.joints, 1):
+        noise = {
+            f"motor_current_{j}": joint["current_noise"],
+            f"motor_position_{j}": joint["motor_encoder_resolution"] / math.sqrt(12.0),
+            f"joint_position_{j}": joint["joint_encoder_resolution"] / math.sqrt(12.0),
+        }
+        errors += [float(np.sqrt(np.mean((a[name][:rows] - b[name][:rows]) ** 2))) / sd for name, sd in noise.items()]
+    return float(np.exp(np.mean(np.log(np.maximum(errors, _SMALLEST)))))
+
+
+def _row(asked: Check, case: Case, label: Mapping[str, Any], told: Mapping[str, Any]) -> Row:
+    folder = asked.out / "cases" / case.name
+    result, said = json.loads((folder / "result.json").read_text(encoding="utf-8")), None
+    with suppress(OSError, ValueError):
+        said = json.loads((folder / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    return judged(case.name, label, told, result, said)
+
+
+def replace(path: Path, text: str) -> None:
+    """Write a whole file or none."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)

@@ -1,0 +1,241 @@
+"""Scores: what a diagnosis said against what was true, case by case and together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hdagen.blind.figures import Figure, mean, median, rate
+from hdagen.blind.sizes import SIZES
+
+SAME = {"asymmetric_friction": "current_bias"}  # equal but near standstill (contract): either name counts
+BINS = 10
+_VISIBLE_GAP, _WORSE = 1.5, 1.02  # a gap that can be closed; a gap that has grown
+
+
+@dataclass(frozen=True)
+class Row:
+    """One case. ``truth``, ``verdict``, ``ranked`` and ``confounded`` hold name@joint with names that count as the
+    same made one; ``p_truth`` the probability of the truth, ``p_top`` of the first cause; ``brier`` over the
+    hypotheses; ``found``: parameters of the verdict's causes; ``before``, ``after``: gap on the hold-out;
+    ``failed``: why there is no diagnosis, else empty."""
+
+    name: str
+    truth: tuple[str, ...]
+    sizes: tuple[float, ...]
+    background: float
+    snr: float
+    parameters: Mapping[str, Mapping[str, float]]
+    verdict: tuple[str, ...] = ()
+    sure: bool = False
+    p_truth: float = 0.0
+    p_top: float = 0.0
+    brier: float = 2.0
+    ranked: tuple[str, ...] = ()
+    confounded: tuple[str, ...] = ()
+    place: str = ""
+    found: Mapping[str, Mapping[str, Mapping[str, float]]] | None = None
+    seconds: float = math.nan
+    before: float = math.nan
+    after: float = math.nan
+    failed: str = ""
+
+    @property
+    def effect(self) -> str:
+        """Name of the only true effect."""
+        return self.truth[0].split("@")[0]
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Names of the verdict."""
+        return tuple(one.split("@")[0] for one in self.verdict)
+
+    @property
+    def effect_right(self) -> bool:
+        """The only true effect is named, and nothing else."""
+        return self.named == (self.effect,)
+
+    @property
+    def joint_right(self) -> bool:
+        """The first of the verdict is at the true effect's joint; the arm as a whole has none to miss."""
+        joint = self.truth[0].split("@")[1]
+        return bool(self.verdict) and joint in ("0", self.verdict[0].split("@")[1])
+
+    @property
+    def both_right(self) -> bool:
+        """Effect and joint."""
+        return self.verdict == self.truth or (self.effect_right and self.effect == "gravity_tilt")
+
+    @property
+    def place_right(self) -> bool:
+        """Where the gap is said to lie first."""
+        return self.effect in SIZES and self.place == SIZES[self.effect].place
+
+
+def alike(name: str) -> str:
+    """name@joint with one name for those that count as the same."""
+    effect, _, joint = name.partition("@")
+    return f"{SAME.get(effect, effect)}@{joint}"
+
+
+def judged(
+    name: str,
+    label: Mapping[str, Any],
+    told: Mapping[str, Any],
+    result: Mapping[str, Any],
+    said: Mapping[str, Any] | None,
+) -> Row:
+    """The row of a case. ``label``: what was sealed; ``told``: `hdagen.blind.make`'s answer; ``result``: seconds and
+    gaps, or ``failed``; ``said``: diagnosis.json."""
+    truth = tuple(alike(one) for one in label["verdict"])
+    known: dict[str, Any] = {
+        "name": name,
+        "truth": truth,
+        "sizes": tuple(label["sizes"]),
+        "background": label["background"],
+        "snr": told["snr"],
+        "parameters": {alike(one): told["parameters"][one] for one in label["verdict"]},
+        "seconds": result.get("seconds", math.nan),
+    }
+    if said is None or result.get("failed"):
+        return Row(**known, failed=result.get("failed") or "there is no diagnosis.json")
+    try:
+        read = _read(truth, said)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        return Row(**known, failed=f"diagnosis.json is not as docs/diagnosis.md says: {type(error).__name__} {error}")
+    gaps = {key: math.nan if result.get(key) is None else result[key] for key in ("before", "after")}
+    return Row(**known | read | gaps)
+
+
+def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
+    """What diagnosis.json holds, in a row's terms."""
+    marginal: dict[str, float] = {}
+    found: dict[str, dict[str, Any]] = {}
+    confounded: list[str] = []
+    verdict = tuple(alike(one) for one in said["verdict"])
+    for cause in said["causes"]:
+        key = alike(f"{cause['effect']}@{cause['joint']}")
+        marginal[key] = min(1.0, marginal.get(key, 0.0) + _probability(cause["probability"]))
+        if key in verdict:
+            found.setdefault(key, dict(cause.get("parameters", {})))
+            confounded += [alike(one) for one in cause.get("confounded_with", [])]
+    hypotheses: dict[frozenset[str], float] = {}
+    for one in said["hypotheses"]:
+        effects = frozenset(alike(effect) for effect in one["effects"])
+        hypotheses[effects] = hypotheses.get(effects, 0.0) + _probability(one["probability"])
+        for effect in effects:  # "unknown" stands among the hypotheses only
+            if effect.startswith("unknown@") and effect not in {f"{c['effect']}@{c['joint']}" for c in said["causes"]}:
+                marginal[effect] = min(1.0, marginal.get(effect, 0.0) + _probability(one["probability"]))
+    true = frozenset(truth)
+    p_truth = float(np.mean([marginal.get(one, 0.0) for one in truth])) if truth else hypotheses.get(true, 0.0)
+    brier = sum((p - (effects == true)) ** 2 for effects, p in hypotheses.items()) + (true not in hypotheses)
+    places = [where["place"] for where in said["where"]]
+    return {
+        "verdict": verdict,
+        "sure": bool(said["sure"]),
+        "p_truth": p_truth,
+        "p_top": max(marginal.values(), default=0.0),
+        "brier": float(brier),
+        "ranked": tuple(sorted(marginal, key=lambda key: -marginal[key])[:3]),
+        "confounded": tuple(dict.fromkeys(confounded)),
+        "place": places[0] if places else "",
+        "found": found,
+    }
+
+
+def _probability(value: Any) -> float:
+    if not 0.0 <= float(value) <= 1.0:
+        raise ValueError(f"a probability of {value}")
+    return float(value)
+
+
+def _f1(row: Row) -> float:
+    return 2 * len(set(row.verdict) & set(row.truth)) / max(len(row.verdict) + len(row.truth), 1)
+
+
+def closed(row: Row) -> float:
+    """Share of the gap on held-out motion that the verdict closes, down to the sensors' noise."""
+    return (row.before - row.after) / max(row.before - 1.0, 0.1)
+
+
+def single(rows: Sequence[Row]) -> list[Row]:
+    """Those with one effect that has a name."""
+    return [row for row in rows if len(row.truth) == 1 and row.effect != "unknown"]
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Figure]:
+    """Every figure by name. A case that failed counts as wrong; it has no gap, and raises no false alarm."""
+    one, pairs = single(rows), [row for row in rows if len(row.truth) == 2]
+    none = [row for row in rows if not row.truth and not row.failed]
+    unknown = [row for row in rows if len(row.truth) == 1 and row.effect == "unknown"]
+    wrong = [row for row in one if not row.both_right]
+    gaps = [row for row in rows if math.isfinite(row.before) and math.isfinite(row.after)]
+    found = {
+        "failed": rate([bool(row.failed) for row in rows]),
+        "effect": rate([row.effect_right for row in one]),
+        "effect_and_joint": rate([row.both_right for row in one]),
+        "joint": rate([row.joint_right for row in one]),
+        "place": rate([row.place_right for row in one]),
+        "top3": rate([row.truth[0] in row.ranked for row in one]),
+        "p_truth": mean([row.p_truth for row in rows if row.truth != () and row.effect != "unknown"]),
+        "brier": mean([row.brier for row in rows]),
+        "calibration_error": calibration_error(one),
+        "sure": rate([row.sure for row in one]),
+        "sure_and_wrong": rate([row.sure and not row.both_right for row in one]),
+        "confounded_where_wrong": rate([row.truth[0] in row.confounded for row in wrong]),
+        "false_alarm": rate([bool(row.verdict) for row in none]),
+        "unknown_found": rate([row.named == ("unknown",) for row in unknown]),
+        "unknown_found_at_joint": rate([row.verdict == row.truth for row in unknown]),
+        "pair_f1": mean([_f1(row) for row in pairs]),
+        "pair_both": rate([set(row.verdict) == set(row.truth) for row in pairs]),
+        "closed": median([closed(row) for row in gaps if row.before > _VISIBLE_GAP and row.truth]),
+        "worse": rate([row.after > _WORSE * row.before for row in gaps]),
+        "seconds": median([row.seconds for row in rows if math.isfinite(row.seconds)]),
+    }
+    return {name: figure for name, figure in found.items() if figure.count}
+
+
+def bins(rows: Sequence[Row]) -> list[tuple[Figure, Figure]]:
+    """Of each tenth of confidence that occurs: the mean of what was said, and the share that was right."""
+    found = []
+    place = [min(int(row.p_top * BINS), BINS - 1) for row in rows]
+    for at in range(BINS):
+        inside = [row for row, bin_ in zip(rows, place, strict=True) if bin_ == at]
+        if inside:
+            found.append((mean([row.p_top for row in inside]), rate([row.verdict == row.truth for row in inside])))
+    return found
+
+
+def calibration_error(rows: Sequence[Row]) -> Figure:
+    """Expected calibration error over the bins; its interval from the shares' standard errors."""
+    if not rows:
+        return mean([])
+    parts = bins(rows)
+    error = sum(abs(said.value - right.value) * right.count for said, right in parts) / len(rows)
+    spread = math.sqrt(sum(right.value * (1 - right.value) * right.count for _, right in parts)) / len(rows)
+    return Figure(error, len(rows), max(error - 1.96 * spread, 0.0), error + 1.96 * spread)
+
+
+def coverage(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
+    """Share of cases answered, surest first, and the share of those that was right; each (cases,)."""
+    ordered = sorted(rows, key=lambda row: -row.p_top)
+    right = np.cumsum([row.verdict == row.truth for row in ordered], dtype=float)
+    count = np.arange(1.0, len(ordered) + 1.0)
+    return count / max(len(ordered), 1), right / count
+
+
+def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
+    """Cases by true effect and by the verdict's name: "none", "failed", or "several" where more than one is named."""
+    found: dict[str, dict[str, int]] = {}
+    for row in rows:
+        if len(row.truth) > 1:
+            continue
+        true = row.effect if row.truth else "none"
+        said = "failed" if row.failed else (row.named or ("none",))[0] if len(row.verdict) < 2 else "several"
+        line = found.setdefault(true, {})
+        line[said] = line.get(said, 0) + 1
+    return found
