@@ -73,11 +73,13 @@ def run(
         start_new_session=True,
     )
     try:
+        given: str | None = told
         while True:
             try:
-                printed, complained = child.communicate(told, timeout=_LOOK)
+                printed, complained = child.communicate(given, timeout=_LOOK)
                 break
             except subprocess.TimeoutExpired:
+                given = None  # the rest of it is on its way already
                 if stop.is_set():
                     raise ChildError("stopped") from None
                 if time.monotonic() - start > most_seconds:

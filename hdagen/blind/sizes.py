@@ -1,6 +1,7 @@
 """The effects that a reality may have: place, typical size with its source, and how the rest of each is drawn.
 
-A named effect has 0.5 to 1.5 times its typical size, one of the background 0.04 times. The formulas stand in `hdagen.blind.drivetrain` and `hdagen.blind.reality`.
+A named effect has 0.5 to 1.5 times its typical size, one of the background 0.04 times. The formulas stand in
+`hdagen.blind.drivetrain` and `hdagen.blind.reality`.
 """
 
 from __future__ import annotations
@@ -17,8 +18,11 @@ Draw = Callable[[float, np.random.Generator, Mapping[str, float]], Parameters]
 
 @dataclass(frozen=True)
 class Size:
-    """An effect's ``place``, ``typical`` size in ``unit``, the ``source`` of that size, and ``draw``: (amount, in ``unit``;
-    generator; base parameters of the joint, and what the motion reaches there) -> its parameters. ``joints``: "each", "last" or "arm" (named at 0)."""
+    """An effect's ``place``, ``typical`` size in ``unit``, and the ``source`` of that size.
+
+    ``draw``: (amount, in ``unit``; generator; base parameters of the joint, and what the motion reaches there) -> the
+    effect's parameters. ``joints``: "each", "last" or "arm" (named at 0).
+    """
 
     place: str
     typical: float
