@@ -81,7 +81,8 @@ class Joint:
 
 @dataclass(frozen=True)
 class StatedEffect:
-    """An effect that the robot file states, with every parameter filled in; joint 0 is the whole arm."""
+    """An effect that the robot file states, with every parameter filled in but those whose nominal value is the
+    joint's; joint 0 is the whole arm."""
 
     name: str
     joint: int

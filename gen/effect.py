@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-import casadi as ca
-
 
 class Port(Enum):
     """Where an effect acts, in the order of the signal chain; the value begins with the place the diagnosis names."""
@@ -41,10 +39,11 @@ class Parameter:
     """A number of the model.
 
     ``typical``: of an amplitude, the difference from nominal with which the effect is usually met; from 15 % of it on
-    an effect counts as present. ``scale``: a key of the joint whose nominal ``typical`` is to be multiplied by
-    ("largest_input": the bound of the joint's input; "1/key" divides). ``starts``: of a shape, the values from which a
-    search starts, the nominal one first. ``sliding``: the unit at a prismatic joint, where it is another; in ``unit``
-    "A" stands for N m where the input is torque. ``unless``: left out at drives that have that key.
+    an effect counts as present. ``starts``: of a shape, the values from which a search starts, the nominal one first.
+    ``scale``: a key of the joint (or "1/key", "key/key"; "largest_input" is the bound of the joint's input) by whose
+    nominal ``typical``, or ``starts`` and nominal, are to be multiplied. ``sliding``: the unit at a prismatic joint,
+    where it is another; in ``unit`` "A" stands for N m where the input is torque. ``unless``: left out at drives that
+    have that key.
     """
 
     name: str
@@ -62,7 +61,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class State:
-    """A memory of an effect, 0 at the start; ``stiff`` asks for the L-stable step."""
+    """A memory of an effect, 0 at the start; ``stiff`` asks for the L-stable step where the robot file states the
+    effect."""
 
     name: str
     unit: str
@@ -111,10 +111,4 @@ class Effect:
     rigid: bool = True
     joints: str = "each"
     prismatic: bool = True
-    sizes: Mapping[str, float] = field(default_factory=dict)
-
-
-def slowed(length: Any, speed: Any, p: Mapping[str, Any]) -> Any:
-    """Displacement over which a memory builds up, no less than what ``speed`` covers in a step: a faster memory would be
-    stiff, and no step could tell it from one that follows at once."""
-    return ca.fmax(length, ca.fabs(speed) * p["step"])
+    sizes: Mapping[str, float] = field(default_factory=dict, hash=False)

@@ -9,7 +9,7 @@ from gen.effect import Effect
 from gen.effects import ALL, NOMINAL
 
 HEAD = "| effect | acts at | its term | amplitudes; other parameters | source |\n|---|---|---|---|---|\n"
-JOINTS = {"each": "", "last": "; last joint", "arm": "; whole arm"}
+JOINTS = {"each": "", "first": "; first joint", "last": "; last joint", "arm": "; whole arm"}
 
 
 def table() -> str:
@@ -25,6 +25,7 @@ def _row(effect: Effect) -> str:
     legend = (module.__doc__ or "").partition("Legend: ")[2].strip()
     equation = (inspect.getdoc(effect.equation) or "").removesuffix(".")
     where = effect.port.value + JOINTS[effect.joints] + ("" if effect.rigid else "; flexible drives")
+    where += "" if effect.prismatic else "; revolute joints"
     term = f"{equation}. {legend}"
     cells = (f"`{effect.name}`", where, term, _parameters(effect), effect.citation)
     return "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |\n"
@@ -35,9 +36,12 @@ def _parameters(effect: Effect) -> str:
 
     def shown(name: str) -> str:
         if name not in own:
-            return f"`{name}` (robot.toml)"
+            size = effect.sizes.get(name)
+            return f"`{name}` (robot.toml" + (f", typically off by {100 * size:g} %)" if size else ")")
         p = own[name]
-        typical = "" if p.typical is None else f", typically {p.typical:g}"
+        off = f"{p.nominal:g} ± " if p.nominal and p.typical else ""
+        scale = f" × `{p.scale}`" if p.scale and p.typical else ""
+        typical = "" if p.typical is None else f", typically {off}{p.typical:g}{scale}"
         return f"`{name}` ({p.unit}{typical})"
 
     amplitudes = ", ".join(map(shown, effect.amplitudes))

@@ -50,6 +50,8 @@ class Graphs:
     model: Model
     lanes: tuple[Lane, ...]
     chain: ca.Function  # smooth: (x, u, lane outputs, c) -> rate of x
+    exact_chain: ca.Function  # (x, u, sliding, lane outputs, c) -> rate of x
+    holding_chain: ca.Function  # (x, u, sliding, lane outputs, c) -> (hold, level)
     preparation: Preparation
     c: Any
     functions: tuple[Emitted, ...] = field(default_factory=tuple)
@@ -143,15 +145,17 @@ def assemble(model: Model) -> Graphs:
     c = constants.c
     handed = ca.vertcat(*(ca.vertcat(*symbols) for _, symbols, _ in D.values()))
     levels = ca.vertcat(*(D[j][0].level for j in model.joints))
-    chain = ca.Function("chain", [model.x, model.u, handed, c], [smooth_rate], {"cse": True})
-    exact_chain = ca.Function(
-        "exact_chain", [model.x, model.u, sliding, handed, c], [exact_rate, hold, levels], {"cse": True}
-    )
+    ins = {"x": model.x, "u": model.u, "sliding": sliding, "handed": handed, "c": c}
+    smooth_ins = {name: ins[name] for name in ins if name != "sliding"}
+    chain = dense("chain", smooth_ins, {"rate": smooth_rate})
+    exact_chain = dense("exact_chain", ins, {"rate": exact_rate})
+    holding_chain = dense("holding_chain", ins, {"hold": hold, "level": levels})
     smooth = _hand_over(model, lanes, None)
     exact = _hand_over(model, lanes, sliding)
     xuc = {"x": model.x, "u": model.u, "c": c}
     rate = chain(model.x, model.u, smooth, c)
-    exact_rate, hold, levels = exact_chain(model.x, model.u, sliding, exact, c)
+    exact_rate = exact_chain(model.x, model.u, sliding, exact, c)
+    hold, levels = holding_chain(model.x, model.u, sliding, exact, c)
     functions = [
         Emitted(dense("prepare", {"p": model.p}, {"c": constants.made()}), "constants from parameters"),
         Emitted(dense("rhs", xuc, {"rate": rate}), "rate of x, friction with the smooth sign"),
@@ -181,7 +185,7 @@ def assemble(model: Model) -> Graphs:
                 "derivative of the rate by x alone, column by column",
             ),
         ]
-    return Graphs(model, lanes, chain, constants.preparation(model), c, tuple(functions))
+    return Graphs(model, lanes, chain, exact_chain, holding_chain, constants.preparation(model), c, tuple(functions))
 
 
 # -- lanes ----------------------------------------------------------------------------------------------------------
@@ -226,6 +230,7 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
     constant = ca.vertcat(*direct, *symbols)
     entries = [model.slot(name) for name in _state_names(model, first)]
     inputs = [*entries, model.u[first - 1]]
+    names = [*(f"state_{k}" for k in range(len(entries))), "input"]
     k = SX.sym(f"k{first}", constant.numel(), width)
     define = ca.Function("define", [p], [ca.vertcat(*direct, *definitions)])
     columns = []
@@ -235,8 +240,8 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
         joints,
         width,
         tuple(tuple(index[_state_names(model, j)[i]] for j in joints) for i in range(len(entries))),
-        ca.Function("smooth", [*inputs, constant], changed[: len(smooth)], {"cse": True}),
-        ca.Function("exact", [*inputs, s, constant], changed[len(smooth) :], {"cse": True}),
+        _of_lane("smooth", [*names, "constants"], [*inputs, constant], changed[: len(smooth)]),
+        _of_lane("exact", [*names, "direction", "constants"], [*inputs, s, constant], changed[len(smooth) :]),
         k,
         ca.horzcat(*columns),
     )
@@ -244,6 +249,10 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
         k.T, lane.definitions.T
     )  # lane after lane of each constant side by side, so that one load fetches a vector
     return lane
+
+
+def _of_lane(name: str, names: list[str], inputs: list[Any], outputs: list[Any]) -> ca.Function:
+    return ca.Function(name, inputs, outputs, names, [f"h{k}" for k in range(len(outputs))], {"cse": True})
 
 
 def _lane_symbols(model: Model, lane: Lane, j: int) -> tuple[Drives, list[Any], tuple[Any, Any] | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -97,10 +98,16 @@ def dynamics(model: Model, c: Any) -> list[Emitted]:
         ),
         Emitted(dense("energy", xc, {"kinetic": kinetic, "potential": potential}), "kinetic and potential energy, J"),
         Emitted(
-            dense("outputs", {"x": x, "u": u, "c": c}, _sensed(model, drives)),
+            dense("outputs", {"x": x, "u": u, "c": c}, sensed(model, drives)),
             "what a complete set of exact sensors reads",
         ),
     ]
+
+
+def _total(model: Model, port: Port, j: int, signals: Signals) -> Any:
+    """What effects without memory add at a port of joint j; those with one stand where they began."""
+    p = model.of_joint(j)
+    return sum((e.equation(signals, p) for e in model.at(port, j) if not e.states), SX(0))
 
 
 def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> Any:
@@ -109,22 +116,25 @@ def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> An
     for j in model.joints:
         p = model.of_joint(j)
         omega = p["ratio"] * v[j - 1]
-        signals = {"motor_position": p["ratio"] * q[j - 1], "motor_velocity": omega, "ratio": p["ratio"]}
-        signals |= {"direction": ca.tanh(omega / p["friction_smoothing"]), "joint_torque": joint_torque[j - 1]}
-        signals |= {"joint_position": q[j - 1], "joint_velocity": v[j - 1], "current": SX(0)}
-
-        def total(port: Port, **more: Any) -> Any:
-            """Of the effects without memory; the others stand where they began."""
-            found = [e for e in model.at(port, j) if not e.states]
-            return sum((e.equation(Signals(**signals, **more), p) for e in found), SX(0))
-
-        level = total(Port.FRICTION)
+        direction = ca.tanh(omega / p["friction_smoothing"])
+        signals = Signals(
+            current=SX(0),
+            motor_position=p["ratio"] * q[j - 1],
+            motor_velocity=omega,
+            direction=direction,
+            joint_torque=joint_torque[j - 1],
+            joint_position=q[j - 1],
+            joint_velocity=v[j - 1],
+            ratio=p["ratio"],
+        )
+        level = _total(model, Port.FRICTION, j, signals)
         level = ca.fmax(level, 0) if model.dips(j) else level
-        other, link = total(Port.MOTOR, friction_level=level), total(Port.LINK)
+        other = _total(model, Port.MOTOR, j, replace(signals, friction_level=level))
+        link = _total(model, Port.LINK, j, signals)
         reaction = model.reaction(j, p)
         carried = 0 if reaction is None else (reaction @ a)[0]
         own = p["motor_inertia"] * (p["ratio"] * a[j - 1] + carried)
-        out.append(own + level * signals["direction"] - other + (joint_torque[j - 1] - link) / p["ratio"])
+        out.append(own + level * direction - other + (joint_torque[j - 1] - link) / p["ratio"])
     torque = ca.vertcat(*out)
     for j in model.joints:  # the rotor of a later joint pulls on the links that carry it
         p = model.of_joint(j)
@@ -158,7 +168,8 @@ def _energy(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
     return kinetic, potential
 
 
-def _sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
+def sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
+    """What a complete set of exact sensors reads of the drives' state, by name."""
     out: dict[str, list[Any]] = {
         k: [] for k in ("motor_position", "motor_velocity", "torsion", "beyond_law", "joint_torque")
     }

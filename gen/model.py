@@ -90,8 +90,10 @@ class Model:
 
     @property
     def stiff(self) -> bool:
-        """Whether a state asks for the L-stable step."""
-        return any(s.stiff for _, s, _ in self.memory)
+        """Whether a memory that the robot file asks for needs the L-stable step; one whose amplitude is 0 to begin with
+        is slowed to what the explicit step carries (`gen.memory`)."""
+        nominal = {(q.effect, q.joint, q.name): q.nominal for q in self.quantities}
+        return any(nominal[e.name, j, f"{name}_{j}"] for e, s, j in self.memory if s.stiff for name in e.amplitudes)
 
     def applies(self, effect: Effect) -> tuple[int, ...]:
         """The joints at which the effect stands; (0,) for the arm as a whole."""
@@ -136,20 +138,33 @@ class Model:
         name = f"{parameter.name}_{j}" if j else parameter.name
         nominal = parameter.nominal if stated is None else stated.nominal
         tolerance = 0.0 if stated is None else stated.tolerance
-        unit, typical = parameter.unit, parameter.typical
+        unit, factor = parameter.unit, self._factor(parameter.scale, j)
+        if stated is None and parameter.starts:
+            nominal *= factor
         if j and self.robot.joints[j - 1].kind == "prismatic":
             unit = parameter.sliding or unit
         if j and self.u_slots[j - 1].unit != "A":
             unit = unit.replace("1/A", "1/(N m)")
-        if typical is not None and parameter.scale:
-            over, _, under = parameter.scale.rpartition("/")
-            size = self.size(under, j)
-            typical = typical / size if over else typical * size
-        role = "amplitude" if parameter.name in effect.amplitudes else "shape"
         return Quantity(
-            name, j, unit, nominal, parameter.low, parameter.high, tolerance, parameter.meaning, effect.name, role,
-            typical, parameter.starts,
-        )  # fmt: skip
+            name,
+            j,
+            unit,
+            nominal,
+            parameter.low,
+            parameter.high,
+            tolerance,
+            parameter.meaning,
+            effect.name,
+            "amplitude" if parameter.name in effect.amplitudes else "shape",
+            None if parameter.typical is None else parameter.typical * factor,
+            tuple(start * factor for start in parameter.starts),
+        )
+
+    def _factor(self, scale: str | None, j: int) -> float:
+        """What a parameter's scale comes to at joint j."""
+        over, _, under = (scale or "1").partition("/")
+        sizes = [1.0 if key in ("1", "") else self.size(key, j) for key in (over, under)]
+        return sizes[0] / sizes[1]
 
     def size(self, key: str, j: int) -> float:
         """Size of a key of joint j: its nominal, the key's width where that is 0; "largest_input": the input's
@@ -210,9 +225,9 @@ class Model:
         return own | ({"inverse": self.inverse[j]} if j in self.inverse else {})
 
     def of_joint(self, j: int) -> dict[str, Any]:
-        """What equations of joint j read by name: `symbols_of`, with the springs' level and damping as effects in series
-        make them, and the step of the integration."""
-        p: dict[str, Any] = self.symbols_of(j) | {"step": self.robot.step}
+        """What equations of joint j read by name: `symbols_of`, with the springs' level and damping as effects in
+        series make them, and the step by which memories are slowed, s."""
+        p: dict[str, Any] = self.symbols_of(j) | {"step": 0.0 if self.stiff else self.robot.step}
         for effect in self.at(Port.SERIES, j):
             share, damping = effect.equation(Signals(), p)
             p["stiffness_level"] = p["stiffness_level"] * share

@@ -1,11 +1,13 @@
-"""C text of the fast right-hand side and step: drives in vector lanes, the chain in scalars; and the batch over
-trajectories.
+"""C text of the fast right-hand sides and steps, smooth and set-valued: drives in vector lanes, the chain in scalars;
+and the batch over trajectories.
 
 Not bit for bit the interpreter's: products and sums are contracted, divisions become products with reciprocals, sine,
 cosine, exp and tanh are polynomials. The tests hold it to 1e-12 of each column.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -34,47 +36,119 @@ BATCH = """/* Width of a batch: the widest vector that the target has; OF makes 
 #define HDA_BATCH_ONE(mask) ((hda_batch)((mask) & (hda_batch_bits)(1.0 - (hda_batch){0})))
 
 """
-HEADER = '#include "hda.h"\n\n#include <math.h>\n\n'
+HEADER = '#include "hda.h"\n#include "hda_sliding.h"\n\n#include <math.h>\n\n'
+JOINTWISE = {"input": "u", "direction": "sliding"}  # input of a drive's graph -> array with an entry for each joint
 INLINE = "static inline __attribute__((always_inline)) void"
 STEP = """
 /* RK4 over whole lanes. */
-void hda_step(const double *from, const double *u, const double *c, const double *h, double *to) {
+%(head)s {
     state x, y, slope;
     spread(from, &x);
     y = x;
     const state start = x;
-    evaluate(&y, u, c, &slope);
-    along(&start, 0.5 * *h, &slope, &y);
-    along(&x, *h / 6.0, &slope, &x);
-    evaluate(&y, u, c, &slope);
-    along(&start, 0.5 * *h, &slope, &y);
-    along(&x, *h / 3.0, &slope, &x);
-    evaluate(&y, u, c, &slope);
-    along(&start, *h, &slope, &y);
-    along(&x, *h / 3.0, &slope, &x);
-    evaluate(&y, u, c, &slope);
-    along(&x, *h / 6.0, &slope, &x);
+    %(evaluate)s;
+    along(&start, 0.5 * %(h)s, &slope, &y);
+    along(&x, %(h)s / 6.0, &slope, &x);
+    %(evaluate)s;
+    along(&start, 0.5 * %(h)s, &slope, &y);
+    along(&x, %(h)s / 3.0, &slope, &x);
+    %(evaluate)s;
+    along(&start, %(h)s, &slope, &y);
+    along(&x, %(h)s / 3.0, &slope, &x);
+    %(evaluate)s;
+    along(&x, %(h)s / 6.0, &slope, &x);
     gather(&x, to);
 }
 """
+SMOOTH_STEP = STEP % {
+    "head": "void hda_step(const double *from, const double *u, const double *c, const double *h, double *to)",
+    "evaluate": "rhs(&y, u, c, &slope)",
+    "h": "*h",
+}
+SLIDING_STEP = STEP % {
+    "head": "void hda_step_sliding(const double *from, const double *u, const double *sliding, const double *c, double h,\n"
+    "                      double *to)",
+    "evaluate": "rhs_exact(&y, u, sliding, c, &slope)",
+    "h": "h",
+}
 
 
-def rhs(graphs: Graphs) -> str:
-    """hda_native.c: hda_rhs, and hda_step where it is RK4, with the state in vectors, joints side by side."""
+@dataclass(frozen=True)
+class Form:
+    """One of the model's functions (``name``) that `functions` defines."""
+
+    name: str
+    chain: ca.Function
+    exact: bool  # set-valued friction: the drives read directions and hand over levels
+
+    def drive(self, lane: Lane) -> ca.Function:
+        """The lane's graph."""
+        return lane.exact if self.exact else lane.smooth
+
+    @property
+    def kind(self) -> str:
+        """Suffix of the functions of its drives."""
+        return "_exact" if self.exact else ""
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """What its functions read besides the state."""
+        return ("u", "sliding", "c") if self.exact else ("u", "c")
+
+    @property
+    def arguments(self) -> str:
+        """The same as arguments in C."""
+        return ", ".join(f"const double *{name}" for name in self.given)
+
+    @property
+    def moves(self) -> bool:
+        """Whether its result is a rate, which stays in lanes."""
+        return self.chain.n_out() == 1
+
+
+def forms(graphs: Graphs) -> tuple[Form, ...]:
+    """The functions of the model that are evaluated in lanes."""
+    return (
+        Form("rhs", graphs.chain, False),
+        Form("rhs_exact", graphs.exact_chain, True),
+        Form("holding", graphs.holding_chain, True),
+    )
+
+
+def functions(graphs: Graphs) -> str:
+    """hda_native.c: `forms`, and the RK4 steps, with the state in vectors, joints side by side."""
     widths = sorted({w for lane in graphs.lanes for w in (lane.width, packing.twice(lane.width))})
     rows = "".join(f"    v{lane.width} lane_{k}[{len(lane.states)}];\n" for k, lane in enumerate(graphs.lanes))
-    f = next(f for f in graphs.functions if f.name == "rhs").graph
-    calls = "spread(x, &now);\n    evaluate(&now, u, c, &change);\n    gather(&change, rate);"
+    smooth, exact, holding = forms(graphs)
     parts = [
         HEADER,
         *(_vector(width) for width in widths),
         f"/* x, or its rate: entries of the joints' drives side by side. */\ntypedef struct {{\n{rows}}} state;\n\n",
         _moves(graphs),
-        *_evaluate(graphs),
-        f"{signature(f, 'rhs')} {{\n    state now, change;\n    {calls}\n}}\n",
-        "" if graphs.model.stiff else _along(graphs) + STEP,
+        _along(graphs),
+        *_drives(graphs, smooth),
+        *_drives(graphs, exact),
+        *(text for form in (smooth, exact, holding) for text in (_evaluate(graphs, form), _interface(graphs, form))),
+        "" if graphs.model.stiff else SMOOTH_STEP,
+        SLIDING_STEP,
     ]
     return "".join(parts)
+
+
+def _interface(graphs: Graphs, form: Form) -> str:
+    """The function over plain doubles."""
+    f = next(f for f in graphs.functions if f.name == form.name).graph
+    given = ", ".join(form.given)
+    lines = [
+        "state now, change;",
+        "spread(x, &now);",
+        f"{form.name}(&now, {given}, &change);",
+        "gather(&change, rate);",
+    ]
+    if not form.moves:
+        out = ", ".join(form.chain.name_out(k) for k in range(form.chain.n_out()))
+        lines = ["state now;", "spread(x, &now);", f"{form.name}(&now, {given}, {out});"]
+    return f"{signature(f, form.name)} {{\n" + "".join(f"    {line}\n" for line in lines) + "}\n\n"
 
 
 def _vector(width: int) -> str:
@@ -134,52 +208,77 @@ def fast(operation: Operation, kind: str) -> Operation:
     return chosen
 
 
-def _evaluate(graphs: Graphs) -> list[str]:
-    """The lanes, then the chain that joins them, then the rate lane by lane."""
-    places, lanes = _places(graphs), graphs.lanes
-    handed: list[str] = []  # what the chain reads, in its order: the smooth form hands over no friction level
-    for k, lane in enumerate(lanes):
+def _chain(graphs: Graphs, form: Form) -> list[str]:
+    """The chain's statements; its results stay in values that are named as the outputs, with their entry."""
+    places, handed = _places(graphs), []  # what the chain reads, in its order
+    for k, lane in enumerate(graphs.lanes):
+        outputs = form.drive(lane).n_out()
+        missing = [""] * (lane.exact.n_out() - outputs)  # the smooth form hands over no friction level
         for place in range(len(lane.joints)):
-            handed += ["", *(f"h{k}[{out}][{place}]" for out in range(lane.smooth.n_out()))]
+            handed += [*missing, *(f"h{k}[{out}][{place}]" for out in range(outputs))]
 
     def read(argument: int, entry: int) -> str:
-        if argument == 0:
+        name = form.chain.name_in(argument)
+        if name == "x":
             return f"x->{places[entry]}"
-        return handed[entry] if argument == 2 else f"{'u' if argument == 1 else 'c'}[{entry}]"
+        return handed[entry] if name == "handed" else f"{name}[{entry}]"
 
-    lines = body(graphs.chain, read, lambda _, i: f"const double r{i}", fast(scalar_operation, "double"))
+    def write(argument: int, entry: int) -> str:
+        return f"const double {form.chain.name_out(argument)}_{entry}"
+
+    return body(form.chain, read, write, fast(scalar_operation, "double"))
+
+
+def _drives(graphs: Graphs, form: Form) -> list[str]:
+    """The functions of the lanes, what the chain waits for longest first."""
+    lines, out = _chain(graphs, form), []
     urgent = list(zip(schedule.urgency(lines), lines, strict=True))
-    drives, calls = [], ["(void)u;"]
-    for k, lane in enumerate(lanes):
+    for k, lane in enumerate(graphs.lanes):
         after = {
-            f"h[{out}]": max((w for w, line in urgent if f"h{k}[{out}]" in line), default=0)
-            for out in range(lane.smooth.n_out())
+            f"h[{entry}]": max((w for w, line in urgent if f"h{k}[{entry}]" in line), default=0)
+            for entry in range(form.drive(lane).n_out())
         }
-        drives.append(_lane(graphs, lane, k, after))
-        calls += [f"v{lane.width} h{k}[{lane.smooth.n_out()}];", f"lane_{k}(x->lane_{k}, u, c, h{k});"]
-    lines = [*calls, *schedule.arrange(lines), *_fill(graphs, "rate", "r{}")]
-    return [*drives, _function("evaluate", "const state *x, const double *u, const double *c, state *rate", lines)]
+        out.append(_lane(graphs, form, k, after))
+    return out
 
 
-def _lane(graphs: Graphs, lane: Lane, number: int, after: dict[str, int]) -> str:
+def _evaluate(graphs: Graphs, form: Form) -> str:
+    """The lanes, then the chain that joins them, then the results, a rate lane by lane."""
+    calls = [f"(void){name};" for name in form.given]
+    for k, lane in enumerate(graphs.lanes):
+        calls.append(f"v{lane.width} h{k}[{form.drive(lane).n_out()}];")
+        calls.append(f"lane_{k}{form.kind}(x->lane_{k}, {', '.join(form.given)}, h{k});")
+    results, stored = "state *rate", _fill(graphs, "rate", "rate_{}")
+    if not form.moves:
+        sizes = {form.chain.name_out(k): form.chain.numel_out(k) for k in range(form.chain.n_out())}
+        results = ", ".join(f"double *{name}" for name in sizes)
+        stored = [f"{name}[{i}] = {name}_{i};" for name, size in sizes.items() for i in range(size)]
+    lines = [*calls, *schedule.arrange(_chain(graphs, form)), *stored]
+    return _function(form.name, f"const state *x, {form.arguments}, {results}", lines)
+
+
+def _lane(graphs: Graphs, form: Form, number: int, after: dict[str, int]) -> str:
     """The drives of a lane. ``after``: how long the chain takes from each output on."""
-    f, kind = lane.smooth, f"v{lane.width}"
+    lane = graphs.lanes[number]
+    f, kind = form.drive(lane), f"v{lane.width}"
     base = _constants_before(graphs.model, graphs.lanes, number)
 
     def constant(entry: int) -> str:
         return f"c + {base + entry * lane.width}"
 
     def read(argument: int, entry: int) -> str:
-        if argument < len(lane.states):
-            return f"x[{argument}]"
-        if argument == len(lane.states):
-            return _padded(lane, [f"u[{j - 1}]" for j in lane.joints])
-        return f"*(const {kind}_loose *)({constant(entry)})"
+        name = f.name_in(argument)
+        if name == "constants":
+            return f"*(const {kind}_loose *)({constant(entry)})"
+        if name in JOINTWISE:
+            return _padded(lane, [f"{JOINTWISE[name]}[{j - 1}]" for j in lane.joints])
+        return f"x[{argument}]"
 
     lines = body(f, read, lambda k, _: f"h[{k}]", fast(vector_operation(kind), kind), kind)
-    lines = packing.pack(f, lines, len(lane.states) + 1, lane.width, constant)
-    arguments = f"const {kind} *x, const double *u, const double *c, {kind} *h"
-    return _function(f"lane_{number}", arguments, ["(void)u;", *schedule.arrange(lines, after)])
+    lines = packing.pack(f, lines, f.n_in() - 1, lane.width, constant)
+    unused = [f"(void){name};" for name in form.given]
+    arguments = f"const {kind} *x, {form.arguments}, {kind} *h"
+    return _function(f"lane_{number}{form.kind}", arguments, [*unused, *schedule.arrange(lines, after)])
 
 
 def _constants_before(model: Model, lanes: tuple[Lane, ...], number: int) -> int:

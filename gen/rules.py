@@ -210,9 +210,11 @@ def _effect(
         for p in effect.parameters
         if p.unless not in at
     }
+    scaled = {p.name for p in effect.parameters if p.scale and p.starts}  # whose nominal value is the joint's
     parameters: dict[str, Value] = {}
     for name, key in named.items():
-        reading.value(key, raw.get(name, key.default), place, parameters)
+        if name in raw or name not in scaled:
+            reading.value(key, raw.get(name, key.default), place, parameters)
     for name in raw:
         if name not in named and name not in ("name", "joint"):
             reading.unknown(name, place, ("name", "joint", *named))

@@ -76,7 +76,8 @@ def _stands(model: Model, key: str) -> bool:
 def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any], lanes: bool) -> dict[str, str]:
     """File name -> text; the same model gives the same bytes."""
     graphs, functions = made.graphs, made.functions
-    scalar = [f for f in functions if not (lanes and f.name == "rhs")]
+    in_lanes = {form.name for form in native.forms(graphs)} if lanes else set()
+    scalar = [f for f in functions if f.name not in in_lanes]
     files = {
         file.name: file.read_text(encoding="utf-8")
         for file in TEMPLATES.iterdir()
@@ -97,7 +98,7 @@ def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str,
             scalar_function(f.graph, f.name) for f in group
         )
     if lanes:
-        files["hda_native.c"] = native.rhs(graphs)
+        files["hda_native.c"] = native.functions(graphs)
         files["hda_batch_rhs.h"] = native.batch(graphs)
     files["manifest.json"] = json.dumps(manifest(made, effects, build, how), indent=1, sort_keys=True) + "\n"
     return files

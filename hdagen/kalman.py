@@ -250,7 +250,8 @@ class Bank:
         return np.eye(self.D) + G + G2 / 2 + G2 @ (G / 6 + G2 / 24)
 
     def _correct(self, x: Array, extra: Array, P: Array, u: Array, measured: Array, variance: Array) -> Array:
-        """All filters by what a row (W, M) under ``u`` (W, nu) shows, in place; the log-likelihood (W, L) of having seen it."""
+        """All filters by what a row (W, M) under ``u`` (W, nu) shows, in place; the log-likelihood (W, L) of having
+        seen it."""
         W, L = x.shape[:2]
         expected = self._seen(x.reshape(W * L, -1), np.repeat(u, L, 0)).reshape(W, L, -1)
         error = measured[:, None] - expected - extra @ self.read[:, self.m :].T

@@ -237,9 +237,12 @@ class Arm:
         return x
 
     def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
-        """What the input effects (delay, saturation, sag, lag) make of ``command`` (T, n), row k held for dt[k] s, after
-        ``before`` (n) had been held for ever: the mean over each row of what acts (T, n), and what acts at each row's
-        instant (T, n), which a sensor reads there. Without such effects: the command, and the command a row before."""
+        """What the input effects (delay, saturation, sag, lag) make of commands.
+
+        ``command`` (T, n), row k held for ``dt[k]`` s, after ``before`` (n) had been held for ever. Returns the mean
+        over each row of what acts (T, n), and what acts at each row's instant (T, n), which a sensor reads there.
+        Without such effects: the command, and the command a row before. Raises PlantError.
+        """
         rows = _finite(command, "command")
         first = _vector(before, self.n, "before")
         if rows.ndim != 2 or rows.shape[1] != self.n or not len(rows):

@@ -35,14 +35,15 @@ def simulated(arm: Arm, seconds: float = 1.2, velocities: bool = False, seed: in
     u[:, : arm.n] = size * swing[:, : arm.n]
     u[300:500, arm.index("tip_force_y")] = 8.0
     hanging = np.array([-np.pi / 2, *np.zeros(arm.n - 1)])
-    x = arm.rollout(arm.rest(hanging), u[:-1], np.diff(time), exact=True)
-    seen = arm.outputs(x, u)
+    mean, shown = arm.acting(u[:, : arm.n], np.append(np.diff(time), 1e-3), np.zeros(arm.n))
+    acting = np.hstack([mean, u[:, arm.n :]])
+    x = arm.rollout(arm.rest(hanging), acting[:-1], np.diff(time), exact=True)
+    seen = arm.outputs(x, np.vstack([np.zeros(arm.nu), acting[:-1]]))
     columns = {"tip_force_x": u[:, -2], "tip_force_y": u[:, -1]}
     for j in range(1, arm.n + 1):
         name = arm.input_names[j - 1]
         command = name.replace("motor_current", "motor_current_command").replace("motor_torque", "motor_torque_command")
-        held = np.append(0.0, u[:-1, j - 1])
-        columns |= {command: u[:, j - 1], name: held + NOISE * rng.standard_normal(len(time))}
+        columns |= {command: u[:, j - 1], name: shown[:, j - 1] + NOISE * rng.standard_normal(len(time))}
         columns[f"motor_position_{j}"] = np.round(seen["motor_position"][:, j - 1] / MOTOR) * MOTOR
         columns[f"joint_position_{j}"] = np.round(seen["joint_position"][:, j - 1] / JOINT) * JOINT
         if velocities:

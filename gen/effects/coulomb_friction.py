@@ -17,7 +17,7 @@ EFFECT = Effect(
     parameters=(),
     amplitudes=("coulomb_friction",),
     equation=level,
-    citation="paper (17), (18) corrected: friction opposes motion; Olsson et al., Eur. J. Control 4 (1998) 176, (1); size: "
-    "catalogues give starting torque to ±50 %, Harmonic Drive, CSG/CSF catalogue (2018)",
+    citation="paper (17), (18) corrected: friction opposes motion; Olsson et al., Eur. J. Control 4 (1998) 176, "
+    "(1); size: catalogues give starting torque to ±50 %, Harmonic Drive, CSG/CSF catalogue (2018)",
     sizes={"coulomb_friction": 0.5},
 )

@@ -21,5 +21,6 @@ EFFECT = Effect(
     ),
     amplitudes=("bias",),
     equation=torque,
-    citation="Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), offset of the measured force, with its size",
+    citation="Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), offset of the measured "
+    "force, with its size",
 )

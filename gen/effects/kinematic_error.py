@@ -29,6 +29,7 @@ EFFECT = Effect(
     ),
     amplitudes=NAMES,
     equation=angle,
-    citation="Tuttle, Seering, Nonlinear model of a harmonic drive, IEEE Trans. Robot. Autom. 12 (1996) 368; size: 1 arcmin, Harmonic Drive, CSG/CSF catalogue (2018)",
+    citation="Tuttle, Seering, Nonlinear model of a harmonic drive, IEEE Trans. Robot. Autom. 12 (1996) 368; "
+    "size: 1 arcmin, Harmonic Drive, CSG/CSF catalogue (2018)",
     rigid=False,
 )

@@ -5,12 +5,13 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals, State, slowed
+from gen.effect import Effect, Parameter, Port, Signals, State
+from gen.memory import slowed
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:
-    """a · level · (direction − z): the bristle takes the place of the sign of the speed; ż = (θ̇ − |θ̇| z) / max(δ, |θ̇| h):
-    in no less than a step h, which at such speeds nothing can tell from at once."""
+    """a · level · (direction − z): the bristle takes the place of the sign of the speed;
+    ż = (θ̇ − |θ̇| z) / max(δ, |θ̇| h), h a step, for at such speeds nothing can tell it from at once."""
     z = s.states["bristle"]
     rate = (s.motor_velocity - ca.fabs(s.motor_velocity) * z) / slowed(p["presliding_angle"], s.motor_velocity, p)
     return p["presliding_share"] * s.friction_level * (s.direction - z), (rate,)
@@ -32,15 +33,17 @@ EFFECT = Effect(
         Parameter(
             "presliding_angle",
             "rad",
-            0.02,
-            1e-4,
+            2e-4,
+            1e-7,
             10.0,
             "motor angle over which it builds up",
-            starts=(0.02, 0.005, 0.1, 0.5),
+            starts=(2e-4, 5e-5, 1e-3, 5e-3),
+            scale="ratio",
         ),
     ),
     amplitudes=("presliding_share",),
     equation=torque,
-    citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, (1)-(3); size: all of it does",
-    states=(State("bristle", "1", 1.0, "deflection against the displacement"),),
+    citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, (1)-(3); size: "
+    "all of it does",
+    states=(State("bristle", "1", 1.0, "deflection against the displacement", stiff=True),),
 )

@@ -24,12 +24,12 @@ EFFECT = Effect(
             0.0,
             1000.0,
             "friction by the square of the motor speed",
-            typical=0.003,
-            scale="viscous_friction",
+            typical=0.3,
+            scale="viscous_friction/ratio",
         ),
     ),
     amplitudes=("quadratic_friction",),
     equation=torque,
-    citation="Tuttle, Seering, IEEE Trans. Robot. Autom. 12 (1996) 368, friction beyond linear in speed; size: 30 "
-    "% of the viscous part at 100 rad/s",
+    citation="Tuttle, Seering, IEEE Trans. Robot. Autom. 12 (1996) 368, friction beyond linear in speed; size: "
+    "30 % of the viscous part at 1 rad/s of the joint",
 )

@@ -16,9 +16,17 @@ EFFECT = Effect(
     name="rotor_coupling",
     port=Port.REACTION,
     parameters=(
-        Parameter("coupling", "1", 0.0, -1.0, 1.0, "the rotor turns with (1) or against (-1) the link that carries it"),
+        Parameter(
+            "coupling",
+            "1",
+            0.0,
+            -1.0,
+            1.0,
+            "the rotor turns with (1) or against (-1) the link that carries it",
+            typical=1.0,
+        ),
     ),
     amplitudes=("coupling",),
     equation=share,
-    citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, the term that is dropped there",
+    citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, the term that is dropped there; size: whole",
 )

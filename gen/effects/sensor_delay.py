@@ -28,5 +28,5 @@ EFFECT = Effect(
     ),
     amplitudes=("sensor_delay",),
     equation=error,
-    citation="Taylor's series of q(t − d); size: two cycles of 1 ms of a field bus (CiA 402, 2016)",
+    citation="Taylor's series of q(t − d); size: two cycles of 1 ms of a field bus (CiA 402 (2016))",
 )

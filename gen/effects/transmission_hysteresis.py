@@ -6,7 +6,8 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals, State, slowed
+from gen.effect import Effect, Parameter, Port, Signals, State
+from gen.memory import slowed
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:
@@ -35,7 +36,8 @@ EFFECT = Effect(
     ),
     amplitudes=("hysteresis_torque",),
     equation=torque,
-    citation="Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); paper Fig. 3b; size: half of K ψ of a CSG-17 (catalogue: loss of 1 arcmin)",
+    citation="Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); paper Fig. 3b; "
+    "size: half of K ψ of a CSG-17 (catalogue: loss of 1 arcmin)",
     states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque"),),
     rigid=False,
 )

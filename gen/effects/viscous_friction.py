@@ -17,6 +17,7 @@ EFFECT = Effect(
     parameters=(),
     amplitudes=("viscous_friction",),
     equation=torque,
-    citation="paper (18); size: grease between 10 and 40 °C, Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013",
+    citation="paper (18); size: grease between 10 and 40 °C, "
+    "Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013",
     sizes={"viscous_friction": 0.5},
 )

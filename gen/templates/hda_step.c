@@ -4,11 +4,14 @@
  * Nothing here allocates; every loop is bounded.
  */
 #include "hda.h"
+#include "hda_sliding.h"
 
 #include <math.h>
 #include <string.h>
 
 static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direction of dry friction at joint j */
+
+#if !HDA_LANES /* else hda_native.c has these steps */
 
 /* ---- explicit Runge-Kutta of order four ---- */
 
@@ -31,13 +34,19 @@ static void rk4(const double *x, const double *u, const double *s, const double 
     }
 }
 
+void hda_step_sliding(const double *x, const double *u, const double *sliding, const double *c, double h, double *next) {
+    rk4(x, u, sliding, c, h, next);
+}
+
 #if !HDA_STIFF
-
-/* ---- the smooth step and its derivatives; with stiff memories they stand in hda_rodas.c ---- */
-
-#if !HDA_LANES /* else hda_native.c has it */
 void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) { rk4(x, u, NULL, c, *h, out); }
 #endif
+
+#endif
+
+#if !HDA_STIFF
+
+/* ---- the derivatives of the smooth step; with stiff memories both stand in hda_rodas.c ---- */
 
 /* D = ∂k/∂w by the chain through the stages: D = A (∂x/∂w + reach D before) + B, for each block of columns w. */
 static void chain(const double *A, const double *B, const double *before, double reach, int identity, int columns, double *D) {
@@ -171,7 +180,7 @@ static double locate(const double *x, const double *u, const double *c, const do
     double a = 0.0, b = 1.0, margin[HDA_N];
     int push[HDA_N], side = 0;
     for (int trial = 0;; trial++) {
-        rk4(x, u, s, c, share * h, next);
+        hda_step_sliding(x, u, s, c, share * h, next);
         margins(next, u, c, s, margin, push);
         const double f = margin[j];
         if (f > 0.0) {
@@ -199,7 +208,7 @@ static void exact(const double *x, const double *u, const double *c, double h, d
         double share = 1.0;
         choose(at, u, c, decided, s);
         margins(at, u, c, s, before, push);
-        rk4(at, u, s, c, left, next);
+        hda_step_sliding(at, u, s, c, left, next);
         margins(next, u, c, s, after, push);
         which = first_change(before, after, s, decided, &share);
         if (which < 0) break;
@@ -223,7 +232,7 @@ static void exact(const double *x, const double *u, const double *c, double h, d
     if (which >= 0) { /* too many changes in one step: whoever rests now rests until its end */
         for (int j = 0; j < HDA_N; j++) decided[j] = at[slide[j]] == 0.0 ? HELD : OPEN;
         choose(at, u, c, decided, s);
-        rk4(at, u, s, c, left, next);
+        hda_step_sliding(at, u, s, c, left, next);
     }
     for (int j = 0; j < HDA_N; j++) {
         if (s[j] == 0.0 || next[slide[j]] * s[j] < 0.0) next[slide[j]] = 0.0;
