@@ -301,7 +301,7 @@ def test_the_leg_s_gap_is_its_spring_and_nothing_else(name: str, leg: Path, arm:
     assert looked_at(log, tomllib.loads(robot)).findings == ()
     rigid = replay(arm(robot), log).errors["joint_position_1"]
     flexible = replay(arm(robot.replace("rigid = true", SPRING)), log).errors["joint_position_1"]
-    assert flexible < rigid / 8 and flexible < 2.5e-4
+    assert flexible < rigid / 30 and flexible < 5e-5
 
 
 def test_the_leg_s_logs_with_one_encoder_are_the_same_motion(leg: Path) -> None:

@@ -28,8 +28,8 @@ from hdagen.log import write
 ROBOT = Path(__file__).with_name("robot.toml")
 STIFFNESS = 2600.0  # N m/rad at the joint: with this link a resonance at 19 Hz against the rotor
 DAMPING = 1.5  # N m s/rad of the torsion
-STEP = 5e-5  # s, of MuJoCo
-CREEP = 0.002  # s, time constant of MuJoCo's dry friction
+STEP = 2e-5  # s, of MuJoCo
+CREEP = 2e-4  # s, time constant of MuJoCo's dry friction; its default of 0.02 s lets a drive creep that should stick
 PERIOD = 1e-3  # s, of the controller and of the log
 SECONDS = 12.0
 HANGING = -np.pi / 2
