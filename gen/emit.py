@@ -80,7 +80,8 @@ def vector_operation(kind: str) -> Operation:
             second = f"&{b}, " if op in PAIRS else ""
             return f"{kind} {name}; {kind}_{function}(&{a}, {second}&{name});"
         if op in COMPARE:
-            return f"const {kind} {name} = {kind.upper()}_ONE({a} {COMPARE[op]} {b});"
+            one = f"({kind}_bits)(1.0 - ({kind}){{0}})"  # a comparison is a mask
+            return f"const {kind} {name} = ({kind})(({a} {COMPARE[op]} {b}) & {one});"
         simple = {ca.OP_NEG: f"-{a}", ca.OP_SQ: f"{a} * {a}", ca.OP_TWICE: f"{a} + {a}", ca.OP_INV: f"1.0 / {a}"}
         if op in BINARY:
             simple[op] = f"{a} {BINARY[op]} {b}"

@@ -33,8 +33,6 @@ BATCH = """/* Width of a batch: the widest vector that the target has; OF makes 
 #undef HDA_W
 #undef HDA_V
 
-#define HDA_BATCH_ONE(mask) ((hda_batch)((mask) & (hda_batch_bits)(1.0 - (hda_batch){0})))
-
 """
 HEADER = '#include "hda.h"\n#include "hda_sliding.h"\n\n#include <math.h>\n\n'
 JOINTWISE = {"input": "u", "direction": "sliding"}  # input of a drive's graph -> array with an entry for each joint
@@ -66,8 +64,8 @@ SMOOTH_STEP = STEP % {
     "h": "*h",
 }
 SLIDING_STEP = STEP % {
-    "head": "void hda_step_sliding(const double *from, const double *u, const double *sliding, const double *c, double h,\n"
-    "                      double *to)",
+    "head": "void hda_step_sliding(const double *from, const double *u, const double *sliding, const double *c, "
+    "double h, double *to)",
     "evaluate": "rhs_exact(&y, u, sliding, c, &slope)",
     "h": "h",
 }
