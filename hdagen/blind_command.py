@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import secrets
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hdagen.blind.report import Report
 
 EXAMPLE = """example:
   hdagen blind --kind single --cases 200
-  hdagen blind --kind background --cases 48 --write made-here
+  hdagen blind --kind background --cases 200 --calibrate background.json
+  hdagen blind --kind task --cases 24 --write made-here
 
-exit codes: 0 done, 2 usage or configuration; docs/blind.md says what is simulated, sealed and scored"""
-DONE, USAGE = 0, 2
+exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration; docs/blind.md says what is simulated and scored"""
+DONE, BAR_MISSED, USAGE = 0, 1, 2
+LEAST_SECONDS, MOST_SECONDS = 2.0, 120.0  # of a log: holds and pushes need room
 
 
 def add_parser(commands: Any) -> None:
@@ -21,20 +30,140 @@ def add_parser(commands: Any) -> None:
     p = commands.add_parser(
         "blind",
         help="check the diagnosis on data whose effect is withheld",
-        description="Makes realities by another simulator, seals their labels, diagnoses, opens the seal, scores.",
+        description="Makes realities by another simulator, seals their labels, has them diagnosed by processes that "
+        "know nothing, opens the seal, scores, and writes blind.json and blind.html.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("--kind", choices=KINDS, required=True, help="what the realities have that the robot files lack")
     p.add_argument("--cases", type=int, default=48, metavar="N", help="how many (default: 48)")
-    p.add_argument("--seed", metavar="S", help="any text (default: drawn by the system, told after scoring)")
+    p.add_argument(
+        "--seed",
+        metavar="S",
+        help="any text, or - to read it from the standard input, where no other process sees it (default: drawn, and "
+        "told at the end)",
+    )
     p.add_argument("--jobs", type=int, default=2, metavar="J", help="cases at the same time (default: 2)")
-    p.add_argument("--write", type=Path, metavar="DIR", help="write the cases, labels beside them, and check nothing")
+    p.add_argument("--seconds", type=float, default=10.0, metavar="T", help="length of a log, s (default: 10)")
+    p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: blind-<kind>)")
+    p.add_argument("--keep", action="store_true", help="keep every case's logs and page")
+    p.add_argument("--calibrate", type=Path, metavar="FILE", help="also write the data that a calibration is fitted to")
+    p.add_argument("--write", type=Path, metavar="DIR", help="only write cases with their labels: for developing")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write."""
-    from hdagen.blind import write
+    """Check, write, print."""
+    problems = _conflicts(options)
+    if problems:
+        print("\n".join(problems), file=sys.stderr)
+        return USAGE
+    from hdagen.blind.calibrate import CalibrationError
+    from hdagen.blind.child import ChildError
+    from hdagen.blind.run import BlindError
+    from hdagen.blind.seal import SealError
 
-    write.write(options.write, options.kind, options.cases, options.seed, options.jobs, lambda s: print(s, flush=True))
-    return DONE
+    seed = _seed(options.seed)
+    try:
+        if options.write is not None:
+            from hdagen.blind.write import write
+
+            folder = write(options.write, options.kind, options.cases, seed, options.jobs, options.seconds, _progress())
+            print(f"written: {folder}, with labels.json; seed {seed}")
+            return DONE
+        return _check(options, seed)
+    except (BlindError, CalibrationError, ChildError, SealError) as error:
+        print(error, file=sys.stderr)
+        return USAGE
+
+
+def _conflicts(options: argparse.Namespace) -> list[str]:
+    problems = [
+        f"{name} {value}: possible is a whole number from 1 on."
+        for name, value in (("--cases", options.cases), ("--jobs", options.jobs))
+        if value < 1
+    ]
+    if not LEAST_SECONDS <= options.seconds <= MOST_SECONDS:
+        problems.append(f"--seconds {options.seconds:g}: possible is {LEAST_SECONDS:g} to {MOST_SECONDS:g} s.")
+    if options.write is not None and (options.out is not None or options.calibrate is not None or options.keep):
+        problems.append("--write makes cases and checks nothing: leave out --out, --keep and --calibrate.")
+    if importlib.util.find_spec("mujoco") is None:
+        problems.append("MuJoCo is not installed, which makes the realities: pip install 'hdagen[blind]'.")
+    return problems
+
+
+def _seed(given: str | None) -> str:
+    if given is None:
+        return secrets.token_hex(16)
+    return sys.stdin.readline().strip() if given == "-" else given
+
+
+def _progress() -> Callable[[str], None]:
+    """Says on standard error where it stands: on one line of a terminal, elsewhere a line each."""
+    if not sys.stderr.isatty():
+        return lambda words: print(words, file=sys.stderr, flush=True)
+    return lambda words: print(f"\r\033[K{words}", end="" if " left" in words else "\n", file=sys.stderr, flush=True)
+
+
+def _check(options: argparse.Namespace, seed: str) -> int:
+    from hdagen.blind import blind_page, calibrate
+    from hdagen.blind.report import report, written
+    from hdagen.blind.run import BlindError, Check, check, replace
+    from hdagen.blind.seal import seed_hash
+
+    if options.calibrate is None and calibrate.FROZEN.exists() and seed_hash(seed) in calibrate.read().seeds:
+        raise BlindError("this seed was calibrated on, so a check with it proves nothing; take another --seed.")
+    asked = Check(
+        options.kind,
+        options.cases,
+        seed,
+        options.jobs,
+        options.seconds,
+        options.out or Path(f"blind-{options.kind}"),
+        options.keep,
+    )
+    rows, closed = check(asked, _progress())
+    found = report(asked, closed, rows)
+    replace(asked.out / "blind.json", written(found))
+    blind_page.write(asked.out / "blind.html", found)
+    if options.calibrate is not None:
+        replace(options.calibrate, calibrate.data(rows, asked.kind, seed_hash(seed)))
+    _print(found)
+    return DONE if all(met for _, _, met in found.bars) else BAR_MISSED
+
+
+def _print(found: Report) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from hdagen.blind.words import WORDS, said
+
+    console = Console(highlight=False)
+    bars = {bar.figure: (bar, met) for bar, _, met in found.bars}
+    table = Table(title=f"blind check: {found.asked.kind}, {found.asked.count} cases", title_justify="left")
+    for heading in ("", "value (95 % interval)", "cases", "bar"):
+        table.add_column(heading, justify="right" if heading == "cases" else "left")
+    for name, words in WORDS.items():
+        if name in found.summary:
+            bar, met = bars.get(name, (None, False))
+            limit = (
+                f"{'at most' if bar.most else 'at least'} {bar.value:g}: {'met' if met else 'missed'}" if bar else ""
+            )
+            table.add_row(words, said(name, found.summary[name]), str(found.summary[name].count), limit)
+    console.print(table)
+    if found.lines:
+        console.print(_parameters(found))
+    console.print(f"written: {found.asked.out / 'blind.json'} and {found.asked.out / 'blind.html'}", soft_wrap=True)
+
+
+def _parameters(found: Report) -> Any:
+    """The table of orders, time constants and shapes."""
+    from rich.table import Table
+
+    table = Table(title="true against found, of effects named right", title_justify="left")
+    for heading in ("effect", "quantity", "cases", "error, median", "within 2 std"):
+        table.add_column(heading, justify="left" if heading in ("effect", "quantity") else "right")
+    for line in found.lines:
+        inside = f"{100 * line.within.value:.0f} %" if line.within.count else ""
+        error = f"{100 * line.error.value:.2g} %"
+        table.add_row(line.compared.effect, line.compared.words, str(line.error.count), error, inside)
+    return table

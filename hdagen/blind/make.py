@@ -3,8 +3,9 @@
     python -m hdagen.blind.make < request.json
 
 Nothing of the truth is written to a file. The request: ``seed``, ``kind``, ``index`` of the case, ``motion`` "log" or
-"hold_out", ``out`` the path of the log, ``truth`` what an earlier answer said (then it is not found anew). The answer:
-``snr``, how far the true effects stand above the noise of the channel that shows them best, and ``parameters``.
+"hold_out", ``seconds`` how long, ``out`` the path of the log, ``truth`` what an earlier answer said (then it is not
+found anew). The answer: ``snr``, how far the true effects stand above the noise of the channel that shows them best,
+and ``parameters``.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ CHANNELS = {
 
 
 def make(
-    case: Case, robot: Robot, motion: str, found: Parameters | None
+    case: Case, robot: Robot, motion: str, seconds: float, found: Parameters | None
 ) -> tuple[dict[str, np.ndarray], Parameters, float]:
     """The log, the parameters of every effect in it, and the true effects' signal-to-noise ratio (0 for hold-outs)."""
-    path = _motion(case, robot, motion)
+    path = _motion(case, robot, motion, seconds)
     seed = case.seed ^ (motion == "hold_out")
     if found is not None:
         return simulate(_world(case, robot, found), robot.joints, path, seed), found, 0.0
@@ -49,11 +50,11 @@ def make(
     return log, found, _snr(log, without, robot) if without else 0.0
 
 
-def _motion(case: Case, robot: Robot, motion: str) -> Motion:
+def _motion(case: Case, robot: Robot, motion: str, seconds: float) -> Motion:
     seed = case.seed // 3 + (motion == "hold_out")
     if case.kind == "task":
-        return circle(seed, (robot.joints[0]["length"], robot.joints[1]["length"]))
-    return rich(seed)
+        return circle(seed, (robot.joints[0]["length"], robot.joints[1]["length"]), seconds)
+    return rich(seed, seconds)
 
 
 def _world(case: Case, robot: Robot, found: Parameters) -> World:
@@ -97,7 +98,7 @@ def main() -> None:
     case = cases(request["seed"], request["kind"], request["index"] + 1)[-1]
     robot = robots(request["seed"])[case.robot]
     known = unpacked(request["truth"]) if request.get("truth") is not None else None
-    log, found, snr = make(case, robot, request["motion"], known)
+    log, found, snr = make(case, robot, request["motion"], request["seconds"], known)
     write(log, request["out"])
     json.dump({"snr": snr, "parameters": packed(found)}, sys.stdout)
 

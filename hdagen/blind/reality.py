@@ -74,8 +74,9 @@ def _model(world: World) -> Any:
     )
     walls = [_wall(j, world) if "contact" in world.effects[j] else "" for j in range(2)]
     payload = world.effects[1].get("payload")
-    load = (
-        f'<geom type="sphere" size="0.001" pos="{second["length"]!r} 0 0" mass="{payload["mass"]!r}"/>'
+    load = (  # a body of its own: MuJoCo takes no mass from a geom where a body states its inertia
+        f'<body pos="{second["length"]!r} 0 0"><inertial pos="0 0 0" mass="{payload["mass"]!r}" '
+        'diaginertia="1e-9 1e-9 1e-9"/></body>'
         if payload
         else ""
     )
@@ -116,7 +117,8 @@ def _wall(j: int, world: World) -> str:
     """A box that the ball at the end of link ``j`` touches when the joint stands at the wall's angle."""
     p, length = world.effects[j]["contact"], world.joints[j]["length"]
     half, away = 0.2, p["side"] * (_RADIUS + 0.2)
-    x = length * math.cos(p["angle"]) - away * math.sin(p["angle"])
+    axis = world.joints[0]["length"] if j else 0.0  # the joint's, on the body that carries the wall
+    x = axis + length * math.cos(p["angle"]) - away * math.sin(p["angle"])
     y = length * math.sin(p["angle"]) + away * math.cos(p["angle"])
     turn = f"{math.cos(p['angle'] / 2)!r} 0 0 {math.sin(p['angle'] / 2)!r}"
     return f'<geom name="wall{j}" type="box" size="{half} {half} {half}" pos="{x!r} {y!r} 0" quat="{turn}"/>'

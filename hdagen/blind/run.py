@@ -36,13 +36,14 @@ class BlindError(Exception):
 
 @dataclass(frozen=True)
 class Check:
-    """What is asked for. ``out``: folder of the results; ``keep``: logs and pages of the cases stay there;
-    ``program``: what is run as ``hdagen`` (another one in tests)."""
+    """What is asked for. ``seconds``: length of each log; ``out``: folder of the results; ``keep``: logs and pages of
+    the cases stay there; ``program``: what is run as ``hdagen`` (another one in tests)."""
 
     kind: str
     count: int
     seed: str
     jobs: int
+    seconds: float
     out: Path
     keep: bool = False
     program: tuple[str, ...] = HDAGEN
@@ -72,7 +73,13 @@ def _claim(asked: Check, closed: seal.Seal) -> None:
     """The folder belongs to this check, or to nobody yet."""
     asked.out.mkdir(parents=True, exist_ok=True)
     path = asked.out / "seal.json"
-    mine = {"seal": closed.digest, "kind": asked.kind, "cases": asked.count, "version": __version__}
+    mine = {
+        "seal": closed.digest,
+        "kind": asked.kind,
+        "cases": asked.count,
+        "seconds": asked.seconds,
+        "version": __version__,
+    }
     if path.exists():
         try:
             found = json.loads(path.read_text(encoding="utf-8"))
@@ -80,7 +87,7 @@ def _claim(asked: Check, closed: seal.Seal) -> None:
             found = None
         if found != mine:
             raise BlindError(
-                f"{asked.out}: holds another check (other seed, kind, number of cases or version); "
+                f"{asked.out}: holds another check (other seed, kind, number or length of cases, or version); "
                 "name another folder with --out, or give the seed it was started with to go on."
             )
         return
@@ -119,7 +126,7 @@ def _one(asked: Check, index: int, case: Case, robot: Robot, stop: threading.Eve
     if "HDAGEN_BUILD" in os.environ:
         builds = Path(os.environ["HDAGEN_BUILD"])
     folder.mkdir(parents=True, exist_ok=True)
-    request = {"seed": asked.seed, "kind": case.kind, "index": index}
+    request = {"seed": asked.seed, "kind": case.kind, "index": index, "seconds": asked.seconds}
     log, held = folder / "log.parquet", folder / "hold_out.parquet"
     truth = ask({**request, "motion": "log", "out": str(log.absolute())}, builds, stop)
     if not (folder / "result.json").exists():

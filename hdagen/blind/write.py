@@ -13,7 +13,7 @@ from hdagen.blind.child import ask
 from hdagen.blind.run import replace
 
 
-def write(out: Path, kind: str, count: int, seed: str, jobs: int, said: Callable[[str], None]) -> Path:
+def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float, said: Callable[[str], None]) -> Path:
     """``out``/``kind``/case-000 … with robot.toml, log.parquet and hold_out.parquet, and labels.json; returns its
     folder."""
     folder = out / kind
@@ -23,7 +23,7 @@ def write(out: Path, kind: str, count: int, seed: str, jobs: int, said: Callable
 
     def one(index: int) -> tuple[str, dict[str, object]]:
         name = f"case-{index:03d}"
-        return name, _case(folder / name, seed, index, drawn[index], arms[drawn[index].robot], stop)
+        return name, _case(folder / name, seed, index, drawn[index], arms[drawn[index].robot], seconds, stop)
 
     pool = ThreadPoolExecutor(jobs)
     try:
@@ -37,10 +37,12 @@ def write(out: Path, kind: str, count: int, seed: str, jobs: int, said: Callable
     return folder
 
 
-def _case(folder: Path, seed: str, index: int, case: Case, robot: Robot, stop: threading.Event) -> dict[str, object]:
+def _case(
+    folder: Path, seed: str, index: int, case: Case, robot: Robot, seconds: float, stop: threading.Event
+) -> dict[str, object]:
     folder.mkdir(exist_ok=True)
     replace(folder / "robot.toml", robot.toml())
-    request = {"seed": seed, "kind": case.kind, "index": index}
+    request = {"seed": seed, "kind": case.kind, "index": index, "seconds": seconds}
     told = ask({**request, "motion": "log", "out": str(folder / "log.parquet")}, folder, stop)
     ask(
         {**request, "motion": "hold_out", "out": str(folder / "hold_out.parquet"), "truth": told["parameters"]},

@@ -1,0 +1,255 @@
+"""The page of a check: how often right, how sure, and what was taken for what."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from hdagen import __version__
+from hdagen.blind.report import Report, by_effect, machine
+from hdagen.blind.score import bins, closed, confusion, coverage, single
+from hdagen.blind.sizes import SIZES
+from hdagen.blind.words import WORDS, said
+from hdagen.pages import figure, page
+from hdagen.pages.table import Cell
+
+KINDS = {
+    "single": "one effect",
+    "background": "one effect over a background of every other",
+    "none": "no effect",
+    "unknown": "an effect outside the dictionary",
+    "pair": "two effects",
+    "task": "one effect on a circle task",
+}
+LEADS = {"none": "false_alarm", "unknown": "unknown_found_at_joint", "pair": "pair_f1"}
+NB = "\N{NO-BREAK SPACE}"
+
+
+def write(path: Path, report: Report) -> None:
+    """The page into ``path``, whole or not at all; OSError where it cannot be written."""
+    sections = [_figures(report)]
+    if single(report.rows):
+        sections += [_reliability(report), _effects(report)]
+    sections += [_confusion(report), _gap(report)]
+    if report.lines:
+        sections.append(_parameters(report))
+    sections.append(_cases(report))
+    title = f"Blind check: {KINDS[report.asked.kind]}"
+    page.write(path, title, verdict(report), sections, _reproduce(report))
+
+
+def verdict(report: Report) -> str:
+    """The sentence to take home."""
+    lead = LEADS.get(report.asked.kind, "effect")
+    words = f"{WORDS[lead][0].upper()}{WORDS[lead][1:]}"
+    missed = [WORDS[bar.figure] for bar, _, met in report.bars if not met]
+    bars = f"missed: {', '.join(missed)}" if missed else "every bar is met"
+    if lead not in report.summary:
+        return f"No case of {report.asked.count} could be judged; {bars}."
+    found = report.summary[lead]
+    return f"{words}: {said(lead, found)}, of {found.count} cases whose labels were sealed; {bars}."
+
+
+def _figures(report: Report) -> page.Section:
+    bars = {bar.figure: (bar, met) for bar, _, met in report.bars}
+    rows: list[list[Cell]] = []
+    for name, words in WORDS.items():
+        if name in report.summary:
+            found = report.summary[name]
+            bar, met = bars.get(name, (None, False))
+            limit = f"{'≤' if bar.most else '≥'} {bar.value:g}" if bar else ""
+            rows.append(
+                [
+                    words,
+                    found.value,
+                    found.low,
+                    found.high,
+                    found.count,
+                    limit,
+                    ("met" if met else "missed") if bar else "",
+                ]
+            )
+    table = figure.table(
+        "Figures",
+        ("", "value", "from", "to", "cases", "bar", ""),
+        rows,
+        digits=3,
+        caption="From and to: 95 % interval (Wilson's for shares, normal for means, order statistics for medians). A "
+        "case without a diagnosis counts as wrong.",
+    )
+    text = (
+        "Each case is a reality that another simulator made: MuJoCo moves rotors and links, with its own dry friction, "
+        "walls and current filter; hand-coded drives join them. The robot file states other parameters than the true "
+        "ones, by 4 % standard deviation, and none of the effects. The labels were sealed by a hash before the first "
+        "diagnosis; each diagnosis ran as a process of its own that had a robot file, a log and nothing else; the seal "
+        "was opened after the last."
+    )
+    return page.Section("How often right", text, [table])
+
+
+def _reliability(report: Report) -> page.Section:
+    rows = single(report.rows)
+    parts = bins(rows)
+    x = [point.value for point, _ in parts]
+    y = [right.value for _, right in parts]
+    curves = [
+        figure.Curve("perfect", [0.0, 1.0], [0.0, 1.0], color="grey", dash="dotted", width=1.2),
+        figure.Curve("reached", x, y, color="blue", draw="points", width=2.4),
+    ]
+    for point, right in parts:
+        curves.append(
+            figure.Curve("", [point.value] * 2, [right.low, right.high], color="blue", dash="solid", width=1.2)
+        )
+    diagram = figure.xy(
+        "Reliability",
+        curves,
+        x_label="probability that was said",
+        y_label="share that was right",
+        caption="A point for each tenth of confidence that occurs, with its 95 % interval; "
+        + ", ".join(f"{right.count} at {point.value:.2f}" for point, right in parts)
+        + ".",
+    )
+    share, right_so_far = coverage(rows)
+    covered = figure.lines(
+        "Accuracy against coverage",
+        share,
+        [figure.Series("right among those answered", right_so_far, "blue", "solid", draw="step")],
+        x_label="share of cases answered, surest first",
+        y_label="share right",
+        caption="What would be right if only the surest cases were answered.",
+    )
+    text = "Whether a probability of 0.9 is right nine times in ten, and what it costs to answer only where sure."
+    return page.Section("How sure", text, [diagram, covered])
+
+
+def _effects(report: Report) -> page.Section:
+    rows: list[list[Cell]] = []
+    for name, found in by_effect(report.rows).items():
+        right = found["effect"]
+        low, high = 100 * right.low, 100 * right.high
+        rows.append(
+            [
+                name.replace("_", " "),
+                SIZES[name].place,
+                right.count,
+                100 * right.value,
+                f"{low:.0f} to {high:.0f}",
+                100 * found["joint"].value,
+                100 * found["place"].value,
+                found["p_truth"].value,
+                found["snr"].value,
+            ]
+        )
+    columns = ("effect", "place", "cases", "right (%)", "95 % interval", "joint (%)", "place (%)", "p of truth", "snr")
+    caption = "snr: how far the effect moves the channel that shows it best, rms, in multiples of its noise; median."
+    return page.Section("By effect", "", [figure.table("By effect", columns, rows, digits=3, caption=caption)])
+
+
+def _confusion(report: Report) -> page.Section:
+    counts = confusion(report.rows)
+    if not counts:
+        return page.Section("What was taken for what", "Cases of two effects stand in the table of all cases.")
+    order = [*SIZES, "unknown", "none", "several", "failed"]
+    truths = sorted(counts, key=order.index)
+    names = {one for line in counts.values() for one in line}
+    # what a diagnosis names beyond the table of effects stands at the end
+    verdicts = [one for one in order if one in names] + sorted(names - set(order))
+    grid = [[counts[true].get(one, math.nan) for one in verdicts] for true in truths]
+    drawn = figure.heat(
+        "Confusion",
+        [one.replace("_", " ") for one in verdicts],
+        [one.replace("_", " ") for one in truths],
+        grid,
+        x_label="verdict",
+        y_label="truth",
+        value_label="cases",
+        caption="Asymmetric friction and a bias of the current are the same but near standstill and count as one.",
+    )
+    return page.Section("What was taken for what", "", [drawn])
+
+
+def _gap(report: Report) -> page.Section:
+    known = [row for row in report.rows if math.isfinite(row.before) and math.isfinite(row.after)]
+    if not known:
+        return page.Section("How far the gap shrinks", "No case has a gap before and after.")
+    before, after = np.array([row.before for row in known]), np.array([row.after for row in known])
+    ends = np.array([min(before.min(), after.min(), 1.0), max(before.max(), after.max())])
+    right = np.array([set(row.verdict) == set(row.truth) for row in known])
+    curves = [figure.Curve("unchanged", ends, ends, color="grey", dash="dotted", width=1.2)]
+    for words, chosen, color in (("verdict right", right, "blue"), ("verdict wrong", ~right, "vermilion")):
+        if chosen.any():
+            curves.append(figure.Curve(words, before[chosen], after[chosen], color=color, draw="points", width=2.2))
+    drawn = figure.xy(
+        "Gap on held-out motion",
+        curves,
+        x_label="gap before",
+        y_label="gap after",
+        log_x=True,
+        log_y=True,
+        caption="Replay of another motion of the same reality, without and with the diagnosis; in multiples of the "
+        "sensors' noise, geometric mean over the channels. 1 is a model as good as the sensors.",
+    )
+    return page.Section("How far the gap shrinks", "", [drawn])
+
+
+def _parameters(report: Report) -> page.Section:
+    rows: list[list[Cell]] = []
+    for line in report.lines:
+        inside = line.within.value if line.within.count else None
+        rows.append(
+            [
+                line.compared.effect.replace("_", " "),
+                line.compared.words,
+                line.compared.unit,
+                line.error.count,
+                100 * line.error.value,
+                100 * max(abs(found - true) / abs(true) for true, found in line.pairs),
+                None if inside is None else 100 * inside,
+            ]
+        )
+    columns = ("effect", "quantity", "unit", "cases", "error, median (%)", "largest (%)", "within 2 std (%)")
+    text = (
+        "True against found, of the effects that were named right. Reality has other formulas than the dictionary "
+        "(docs/blind.md), so that a shape has no exact counterpart; orders and times have."
+    )
+    return page.Section(
+        "Orders, time constants and shapes", text, [figure.table("Parameters", columns, rows, digits=3)]
+    )
+
+
+def _cases(report: Report) -> page.Section:
+    rows: list[list[Cell]] = []
+    for row in report.rows:
+        ratio = closed(row) if math.isfinite(row.before) and math.isfinite(row.after) else None
+        rows.append(
+            [
+                row.name[:8],
+                ", ".join(row.truth) or "none",
+                ", ".join(f"{size:.2f}" for size in row.sizes),
+                row.snr,
+                row.failed or ", ".join(row.verdict) or "none",
+                row.p_truth,
+                row.before if math.isfinite(row.before) else None,
+                row.after if math.isfinite(row.after) else None,
+                None if ratio is None else 100 * ratio,
+            ]
+        )
+    columns = ("case", "truth", "size", "snr", "verdict", "p of truth", "gap before", "after", "closed (%)")
+    caption = "Size: in multiples of the typical one (docs/blind.md)."
+    return page.Section("All cases", "", [figure.table("Cases", columns, rows, digits=3, caption=caption)])
+
+
+def _reproduce(report: Report) -> str:
+    asked, where = report.asked, machine()
+    command = f"hdagen blind --kind {asked.kind} --cases {asked.count} --seconds {asked.seconds:g} --seed {asked.seed}"
+    return "\n\n".join(
+        [
+            f"hdagen {__version__} made this page; every number on it is of this run.",
+            f"    {command}",
+            f"Sealed before the first diagnosis: SHA-256 {report.seal.digest}, {report.seal.count} labels.",
+            f"{where['processor']}, {where['cores']} cores, Python {where['python']}, {where['system']}; "
+            f"{asked.jobs} cases at the same time, which lengthens the time of each.",
+        ]
+    )

@@ -1,0 +1,123 @@
+"""blind.json and the table in the terminal: everything that a check found, with the machine it ran on."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hdagen import __version__
+from hdagen.blind.bars import BARS, Bar
+from hdagen.blind.compared import Line, compare
+from hdagen.blind.figures import Figure, mean, median, rate
+from hdagen.blind.run import Check
+from hdagen.blind.score import Row, bins, confusion, single, summary
+from hdagen.blind.seal import Seal, seed_hash
+from hdagen.blind.sizes import SIZES
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Report:
+    """A check, whole: what was asked, its seal, its rows, and what follows from them."""
+
+    asked: Check
+    seal: Seal
+    rows: Sequence[Row]
+    summary: Mapping[str, Figure]
+    lines: Sequence[Line]
+
+    @property
+    def bars(self) -> list[tuple[Bar, Figure, bool]]:
+        """The kind's bars whose figure exists, with it and whether it is met."""
+        known = [(bar, self.summary[bar.figure]) for bar in BARS[self.asked.kind] if bar.figure in self.summary]
+        return [(bar, found, bar.met(found)) for bar, found in known]
+
+
+def report(asked: Check, seal: Seal, rows: Sequence[Row]) -> Report:
+    """The report of a check's rows."""
+    return Report(asked, seal, rows, summary(rows), compare(rows))
+
+
+def by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
+    """Figures of each true effect alone, in the table's order."""
+    found = {}
+    for name in SIZES:
+        mine = [row for row in single(rows) if row.effect == name]
+        if mine:
+            found[name] = {
+                "effect": rate([row.effect_right for row in mine]),
+                "joint": rate([row.joint_right for row in mine]),
+                "place": rate([row.place_right for row in mine]),
+                "p_truth": mean([row.p_truth for row in mine]),
+                "snr": median([row.snr for row in mine]),
+            }
+    return found
+
+
+def written(found: Report) -> str:
+    """blind.json."""
+    content = {
+        "schema": SCHEMA,
+        "kind": found.asked.kind,
+        "cases": found.asked.count,
+        "seconds": found.asked.seconds,
+        "version": __version__,
+        "machine": machine(),
+        "seal": found.seal.digest,
+        "seed": found.asked.seed,
+        "seed_hash": seed_hash(found.asked.seed),
+        "summary": {name: figure.json() for name, figure in found.summary.items()},
+        "bars": [
+            {"figure": bar.figure, "value": bar.value, "at": "most" if bar.most else "least", "met": met}
+            for bar, _, met in found.bars
+        ],
+        "reliability": [{"said": said.json(), "right": right.json()} for said, right in bins(single(found.rows))],
+        "confusion": confusion(found.rows),
+        "effects": {
+            name: {key: figure.json() for key, figure in figures.items()}
+            for name, figures in by_effect(found.rows).items()
+        },
+        "parameters": [
+            {
+                "effect": line.compared.effect,
+                "parameter": line.compared.words,
+                "unit": line.compared.unit,
+                "relative_error": line.error.json(),
+                "within_two_std": line.within.json(),
+                "pairs": line.pairs,
+            }
+            for line in found.lines
+        ],
+        "rows": [{key: _plain(value) for key, value in asdict(row).items()} for row in found.rows],
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
+def machine() -> dict[str, Any]:
+    """What it ran on."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
+    except OSError:
+        names = []
+    return names[0] if names else platform.processor()
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no NaN."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,41 @@
+"""The words for the figures of a check, in the order in which they are shown."""
+
+from __future__ import annotations
+
+import math
+
+from hdagen.blind.figures import Figure
+
+WORDS = {
+    "effect": "effect right",
+    "effect_and_joint": "effect and joint right",
+    "joint": "joint right",
+    "place": "place right",
+    "top3": "truth among the first three",
+    "pair_f1": "F1 of two effects",
+    "pair_both": "both effects right",
+    "unknown_found": "unknown called unknown",
+    "unknown_found_at_joint": "unknown called unknown, at its joint",
+    "false_alarm": "false alarms",
+    "p_truth": "mean probability on the truth",
+    "brier": "Brier score",
+    "calibration_error": "calibration error",
+    "sure": "called sure",
+    "sure_and_wrong": "sure and wrong",
+    "confounded_where_wrong": "truth among the confounded where wrong",
+    "closed": "gap closed on held-out motion, median",
+    "worse": "worse than before",
+    "seconds": "seconds a diagnosis, median",
+    "failed": "failed",
+}
+_PLAIN = ("brier", "seconds")  # not shares
+
+
+def said(name: str, figure: Figure) -> str:
+    """The value and its interval, as a share in % where it is one."""
+    percent = name not in _PLAIN
+    scale, unit = (100.0, " %") if percent else (1.0, " s" if name == "seconds" else "")
+    value = f"{scale * figure.value:.3g}{unit}"
+    if not (math.isfinite(figure.low) and math.isfinite(figure.high)):
+        return value
+    return f"{value} ({scale * figure.low:.3g} to {scale * figure.high:.3g})"
