@@ -36,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
         help="portable: bit for bit the interpreter's; native: fastest on this processor",
     )
     build.add_argument("--out", type=Path, default=Path("build"), help="where the folder goes (default: build)")
-    build.add_argument("--effects", default="", help="effects to add to the model, separated by commas")
+    build.add_argument("--effects", default="", help="effects to add to the model, separated by commas, or all")
     listed = commands.add_parser("list", help="what is built")
     listed.add_argument("--out", type=Path, default=Path("build"))
     check = commands.add_parser("check", help="validate a robot and say what would be built")
@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--profile", choices=("portable", "native"), default="portable", help="of the build that is spoken of"
     )
     check.add_argument("--out", type=Path, default=Path("build"), help="where its folder would go (default: build)")
-    check.add_argument("--effects", default="", help="effects to add to the model, separated by commas")
+    check.add_argument("--effects", default="", help="effects to add to the model, separated by commas, or all")
     timed = commands.add_parser("time", help="time every function beside CasADi's interpreter and C; prints JSON")
     timed.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     timed.add_argument("--rounds", type=int, default=60, help="turns of every contestant (default: 60)")
@@ -76,7 +76,12 @@ def _time(options: argparse.Namespace) -> int:
 
 
 def _effects(options: argparse.Namespace) -> tuple[str, ...]:
-    return tuple(sorted({name.strip() for name in options.effects.split(",") if name.strip()}))
+    names = {name.strip() for name in options.effects.split(",") if name.strip()}
+    if names == {"all"}:  # but not what changes the drive itself
+        from gen.effects import ALL
+
+        names = {effect.name for effect in ALL} - {"missing_compliance"}
+    return tuple(sorted(names))
 
 
 def _build(options: argparse.Namespace) -> int:

@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
     except ColumnsError as error:
         print(error, file=sys.stderr)
         return USAGE
-    notes, refusals = _look(arm, measured)
+    notes, refusals = look(arm, measured)
     if refusals:
         print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)
         return UNUSABLE
@@ -134,7 +134,7 @@ def _conflicts(options: argparse.Namespace) -> list[str]:
     return problems
 
 
-def _look(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
+def look(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
     """Warnings and refusals of the triage of ``log`` as one of ``arm``."""
     from hdagen.triage import triage
 

@@ -1,0 +1,141 @@
+"""What can be missing: every effect of the model on every joint, as parameters to free, each with what is usual.
+
+Sizes are counted in what is usual: θ = (value − centre) / unit, the unit being the effect's typical size (which gen's
+effect states with a source). A base parameter that is no effect's has its tolerance as unit. No effect is ever exactly
+absent: its size is within a small share of the usual one (SPIKE), or it is free (SLAB).
+
+Legend: an atom is an effect on a joint with its shape parameters at one of their starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hdagen.plant import Arm, Array
+
+SPIKE = 0.05  # standard deviation of the size of an effect that is not meant, in usual sizes
+SLAB = 1.0  # of one that is
+SILENT = 1e-3  # of an atom that is looked at only in its own hypothesis
+PRESENT = 0.15  # size from which an effect counts as present
+STEP = 0.5  # by which a parameter is moved for its column
+SHAPE = 0.5  # of a shape parameter's value: its unit
+
+
+@dataclass(frozen=True)
+class Atom:
+    """An effect at a joint (0: the whole arm) with its shapes fixed; ``first``: the shapes are the usual ones."""
+
+    effect: str
+    joint: int
+    place: str
+    amplitudes: tuple[str, ...]
+    shapes: Mapping[str, float]
+    first: bool
+
+    @property
+    def name(self) -> str:
+        """name@joint as diagnosis.json writes it."""
+        return f"{self.effect}@{self.joint}"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A parameter to move: its place in p, where θ is 0, unit of θ, spike width in units, the atom whose amplitude it
+    is (−1: none); ``base``: refitted in every hypothesis, as keys of the robot file and shapes of what is free are."""
+
+    parameter: str
+    index: int
+    center: float
+    unit: float
+    spike: float
+    atom: int
+    base: bool
+    step: float = STEP
+
+
+@dataclass(frozen=True, eq=False)
+class Dictionary:
+    """All atoms and columns of a model."""
+
+    atoms: tuple[Atom, ...]
+    columns: tuple[Column, ...]
+    meant: frozenset[str] = frozenset()  # names of the atoms that are free
+
+    @property
+    def spike(self) -> Array:
+        """Prior standard deviations (P) with nothing free."""
+        return np.array([c.spike for c in self.columns])
+
+    def free(self, atoms: tuple[int, ...]) -> np.ndarray:
+        """Columns that are free when ``atoms`` are."""
+        return np.array([c for c, column in enumerate(self.columns) if column.atom in atoms], int)
+
+    def theta(self, p: Array) -> Array:
+        """The parameters p in usual sizes (P)."""
+        return np.array([(p[c.index] - c.center) / c.unit for c in self.columns])
+
+    @property
+    def base(self) -> Dictionary:
+        """The columns that every hypothesis refits, alone."""
+        return Dictionary(self.atoms, tuple(c for c in self.columns if c.base))
+
+    def focused(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> Dictionary:
+        """The columns of one hypothesis: of its effects its own atoms, of the others the first; with its shapes, free
+        about where they are in ``p``."""
+        meant = {self.atoms[k].name for k in atoms}
+        columns = []
+        for c in self.columns:
+            if c.atom < 0 or (c.atom in atoms if self.atoms[c.atom].name in meant else self.atoms[c.atom].first):
+                first = next((d.spike for d in self.columns if d.parameter == c.parameter), c.spike)
+                columns.append(replace(c, spike=first))
+        names = list(arm.parameters.described)
+        for name in dict.fromkeys(name for k in atoms for name in self.atoms[k].shapes):
+            q = arm.parameters.described[name]
+            value = float(p[names.index(name)])
+            unit = SHAPE * abs(value) if q.low >= 0 else 0.1 * (q.high - q.low) / 2
+            columns.append(Column(name, names.index(name), value, unit, 1.0, -1, True, 0.1))
+        return Dictionary(self.atoms, tuple(columns), frozenset(meant))
+
+
+def dictionary(arm: Arm, starts: Mapping[str, tuple[float, ...]]) -> Dictionary:
+    """Every effect of ``arm`` that a log can show. ``starts``: those of shapes that the log itself suggests, in place
+    of the model's."""
+    raw = {q["name"]: q for q in arm.manifest["parameters"]}
+    place = {name: k for k, name in enumerate(arm.parameters.described)}
+    atoms: list[Atom] = []
+    columns: list[Column] = []
+    for effect in arm.manifest["effects"]:
+        for j in effect["joints"]:
+            suffix = f"_{j}" if j else ""
+            names = tuple(a + suffix for a in effect["amplitudes"] if raw.get(a + suffix, {}).get("typical"))
+            if not names:
+                continue
+            shapes = [s + suffix for s in effect["shapes"]]
+            for number, chosen in enumerate(_together([starts.get(s, raw[s]["starts"]) for s in shapes])):
+                atoms.append(
+                    Atom(effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number)
+                )
+                columns += [_column(raw[name], place[name], len(atoms) - 1, not number) for name in names]
+    owned = {c.parameter for c in columns}
+    for name, q in raw.items():
+        if q["role"] == "base" and name not in owned and q["tolerance"] > 0 and q["nominal"]:
+            unit = q["tolerance"] * abs(q["nominal"])
+            columns.append(Column(name, place[name], q["nominal"], unit, 1.0, -1, True))
+    return Dictionary(tuple(atoms), tuple(columns))
+
+
+def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
+    """One start of each shape at a time, all of them in turn."""
+    count = max((len(s) for s in starts), default=1)
+    return [tuple(s[k % len(s)] for s in starts) for k in range(count)]
+
+
+def _column(q: Mapping[str, Any], index: int, atom: int, first: bool) -> Column:
+    unit, base = float(q["typical"]), q["role"] == "base"
+    tolerance = q["tolerance"] * abs(q["nominal"]) / unit
+    spike = max(tolerance, 0.0 if base and tolerance else SPIKE) if first else SILENT
+    return Column(str(q["name"]), index, float(q["nominal"]), unit, spike, atom, base and first)

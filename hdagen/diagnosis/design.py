@@ -1,0 +1,197 @@
+"""The linear model of a record about a point: residuals, and columns for first states, torques and parameters.
+
+Legend: R rows in windows, M channels, C columns; θ parameters in usual sizes (`hdagen.diagnosis.candidates`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hdagen.diagnosis.candidates import Column, Dictionary
+from hdagen.diagnosis.linear import Linear
+from hdagen.diagnosis.shooting import Lane, Shooting
+from hdagen.plant import Array
+
+KNOTS = 4  # steps of unexplained torque in a window
+KICKS = 5  # impulses on a link in a step
+SHARE = 0.02  # of the usual motor torque: unit of unexplained torque
+START = 3.0  # noise, by which a first position is moved
+REACTION = 0.01  # s: a first velocity is moved by START noise in that time
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where the model stands: parameters (np) and first states (W, m)."""
+
+    p: Array
+    begun: Array
+
+
+@dataclass(eq=False)
+class Design:
+    """Columns (R M, C) in units of noise, first states, then torques (``k``), then parameters; the residual (R, M)."""
+
+    shooting: Shooting
+    words: Dictionary
+    point: Point
+    columns: Array
+    residual: Array
+    k: int
+
+    def linear(self) -> Linear:
+        """The cross products with the residual as it would be at nominal parameters."""
+        m, k, many = self.shooting.m, self.k, self.columns.shape[1]
+        effective = self.residual.reshape(-1) + self.columns[:, m + k :] @ self.words.theta(self.point.p)
+        products = np.empty((len(self.gram), many + 1, many + 1))
+        products[:, :many, :many] = self.gram
+        for w, part in enumerate(self.parts):
+            r = effective[part]
+            products[w, :many, many] = products[w, many, :many] = self.columns[part].T @ r
+            products[w, many, many] = r @ r
+        return Linear(products, m, k, len(effective))
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """The rows of each window."""
+        record, M = self.shooting.record, self.residual.shape[1]
+        edges = np.concatenate([[0], np.cumsum(record.ends - record.starts)]) * M
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+
+    @cached_property
+    def gram(self) -> Array:
+        """Cross products of the columns (W, C, C)."""
+        return np.stack([self.columns[part].T @ self.columns[part] for part in self.parts])
+
+    def moved(self, point: Point) -> Design:
+        """The same columns with the residual of another point."""
+        seen = self.shooting.predict(Lane(point.p, point.begun))
+        other = Design(self.shooting, self.words, point, self.columns, residual(self.shooting, seen), self.k)
+        other.__dict__["gram"] = self.gram
+        return other
+
+
+def residual(shooting: Shooting, seen: Array) -> Array:
+    """Measured less predicted (R, M) in units of noise."""
+    record = shooting.record
+    return (record.measured[shooting.rows] - seen) / record.noise
+
+
+def torque_units(shooting: Shooting) -> Array:
+    """Unit of unexplained torque at each motor (n), N m."""
+    arm, command = shooting.arm, shooting.record.command
+    units = []
+    for j in range(1, arm.n + 1):
+        gain = arm.parameters.described.get(f"torque_constant_{j}")
+        usual = float(np.sqrt(np.mean(command[:, j - 1] ** 2))) * (gain.nominal if gain else 1.0)
+        units.append(SHARE * max(usual, 0.1 * arm.parameters.described[f"coulomb_friction_{j}"].nominal, 1e-6))
+    return np.array(units)
+
+
+def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:
+    """Everything about one point: 1 + m + 2 n KNOTS + parameters lanes."""
+    torques = [(lane, 1.0) for lane in _torques(shooting, point)]
+    lanes = _first(shooting, point) + torques + [_moved(shooting, words, point, c) for c in words.columns]
+    seen, columns = _differences(shooting, point, lanes)
+    return Design(shooting, words, point, columns, residual(shooting, seen), len(torques))
+
+
+def renewed(at: Design, words: Dictionary, point: Point, base: bool) -> Design:
+    """The design of a hypothesis about its own point: first states, what is free and its shapes are made anew (and all
+    base parameters with ``base``), the rest is kept."""
+    shooting, m, k = at.shooting, at.shooting.m, at.k
+    kept = {(c.parameter, c.atom): i for i, c in enumerate(at.words.columns)}
+    focus = {c.atom for c in words.columns if c.atom >= 0 and words.atoms[c.atom].name in words.meant}
+    lanes, places = _first(shooting, point), list(range(m))
+    for i, c in enumerate(words.columns):
+        if (c.parameter, c.atom) not in kept or c.atom in focus or (base and c.base):
+            lanes.append(_moved(shooting, words, point, c))
+            places.append(m + k + i)
+    seen, fresh = _differences(shooting, point, lanes)
+    old = [*range(m + k), *(m + k + kept.get((c.parameter, c.atom), 0) for c in words.columns)]
+    columns = at.columns[:, old]
+    columns[:, places] = fresh
+    made = Design(shooting, words, point, columns, residual(shooting, seen), k)
+    gram = at.gram[:, np.array(old)[:, None], old]
+    for w, part in enumerate(made.parts):
+        gram[w, places] = fresh[part].T @ columns[part]
+        gram[w, :, places] = gram[w, places]
+    made.__dict__["gram"] = gram
+    return made
+
+
+def _differences(shooting: Shooting, point: Point, lanes: list[tuple[Lane, float]]) -> tuple[Array, Array]:
+    """What the point predicts (R, M), and the columns of lanes with their steps."""
+    seen = shooting.all([Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
+    noise = shooting.record.noise
+    columns = np.empty((seen[0].size, len(lanes)))
+    for c, (lane, (_, step)) in enumerate(zip(seen[1:], lanes, strict=True)):
+        columns[:, c] = ((lane - seen[0]) / noise / step).reshape(-1)
+    return seen[0], columns
+
+
+def _moved(shooting: Shooting, words: Dictionary, point: Point, column: Column) -> tuple[Lane, float]:
+    """A lane with one parameter moved by its step, away from a bound, and the step in units."""
+    described = list(shooting.arm.parameters.described.values())
+    q, p, step = described[column.index], point.p.copy(), column.step
+    if column.atom >= 0 and words.atoms[column.atom].name not in words.meant:
+        names = list(shooting.arm.parameters.described)
+        for name, value in words.atoms[column.atom].shapes.items():
+            p[names.index(name)] = value
+    if not q.low <= p[column.index] + step * column.unit <= q.high:
+        step = -step
+    p[column.index] += step * column.unit
+    return Lane(p, point.begun), step
+
+
+def _first(shooting: Shooting, point: Point) -> list[tuple[Lane, float]]:
+    """A lane for each first position and velocity."""
+    lanes = []
+    for i, size in enumerate(_first_steps(shooting)):
+        moved = point.begun.copy()
+        moved[:, i] += size
+        lanes.append((Lane(point.p, moved), size))
+    return lanes
+
+
+def _first_steps(shooting: Shooting) -> list[float]:
+    """By how much each first position and velocity (m) is moved."""
+    arm, record = shooting.arm, shooting.record
+    noise = {(q, j): s for (q, j), s in zip(record.outputs, record.noise, strict=True)}
+    found = []
+    for name in arm.state_names[: shooting.m]:
+        side, quantity, j = name.split("_")
+        ratio = arm.parameters[f"ratio_{j}"]
+        own, other = (
+            noise.get((f"{side}_position", int(j))),
+            noise.get(("joint_position" if side == "motor" else "motor_position", int(j)), 0.0),
+        )
+        size = START * (own or (other * ratio if side == "motor" else other / ratio))
+        found.append(size if quantity == "position" else size / REACTION)
+    return found
+
+
+def _torques(shooting: Shooting, point: Point) -> list[Lane]:
+    """A step of torque in each part of the windows, at each motor and, in a flexible joint, each link."""
+    arm, record = shooting.arm, shooting.record
+    units, lanes = torque_units(shooting), []
+    edges = [np.linspace(a, b, KNOTS + 1).round().astype(int) for a, b in zip(record.starts, record.ends, strict=True)]
+    for j in range(1, arm.n + 1):
+        for k in range(KNOTS):
+            torque = np.zeros((len(record.time), arm.n))
+            for edge in edges:
+                torque[edge[k] : edge[k + 1], j - 1] = units[j - 1]
+            lanes.append(Lane(point.p, point.begun, torque=torque))
+    for j in arm.manifest["flexible"]:
+        unit = units[j - 1] * abs(arm.parameters[f"ratio_{j}"])
+        for k in range(KNOTS):
+            impulse = np.zeros((len(record.time), arm.n))
+            for edge in edges:
+                rows = np.unique(np.linspace(edge[k], edge[k + 1], KICKS, endpoint=False).astype(int))
+                span = float(record.steps[edge[k] : edge[k + 1]].sum())
+                impulse[rows, j - 1] = unit * span / len(rows)
+            lanes.append(Lane(point.p, point.begun, impulse=impulse))
+    return lanes

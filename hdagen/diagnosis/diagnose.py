@@ -1,0 +1,199 @@
+"""From robot file and log to diagnosis.json: triage, search, decision, and the gap on data that the fit never saw."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdagen import verdict
+from hdagen.diagnosis.candidates import PRESENT, dictionary
+from hdagen.diagnosis.decide import SURE, Decision, decide
+from hdagen.diagnosis.record import record
+from hdagen.diagnosis.search import Search, search
+from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.starts import starts
+from hdagen.log import Log, LogError
+from hdagen.plant import Arm, load
+from hdagen.replay import Replay, check, replay
+from hdagen.replay_command import look
+
+WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
+FEWEST = 25  # rows of a window
+HELD_OUT = 0.2  # share of a log that is kept from the fit where there is no hold-out log
+SHORTEST = 1.0  # s of log
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the search found, and the replays of the held-out data before and after."""
+
+    robot: str
+    search: Search
+    decision: Decision
+    content: dict[str, Any]
+    before: Replay
+    after: Replay
+    held_out: Log
+    first: int  # row of ``held_out`` from which on the fit saw nothing
+
+
+def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[str], None]) -> Diagnosis:
+    """Diagnose ``log``; the gap is measured on ``hold_out``, else on the last fifth of the log, which the fit does not
+    see. Raises LogError where a log cannot carry a diagnosis, PlantError where the model cannot be had."""
+    say("model")
+    plain = load(robot)
+    check(plain, log)
+    if hold_out is not None:
+        check(plain, hold_out)
+    warnings = _looked_at(plain, log, hold_out)
+    cut = round((1 - HELD_OUT) * len(log)) if hold_out is None else 0
+    fitted_on, held_out = (log.rows(0, cut), log) if hold_out is None else (log, hold_out)
+    arm = load(robot, "native", ("all",))
+    seen = record(arm, fitted_on, max(WINDOW, FEWEST * log.period))
+    found = search(Shooting(arm, seen), dictionary(arm, starts(arm, fitted_on)), say)
+    decision = decide(found)
+    content = _content(arm, found, decision)
+    said = verdict.read(content)
+    say("replay of held-out motion")
+    before = replay(plain, held_out)
+    after = replay(verdict.with_effects(robot, "portable", said), held_out, with_=said)
+    content["gap"] = _gap(before, after, held_out, cut)
+    content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
+    content["data"] = _data(log, held_out, hold_out is None, warnings)
+    return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut)
+
+
+def _looked_at(arm: Arm, log: Log, hold_out: Log | None) -> list[str]:
+    """The warnings of the triage. Raises LogError with its refusals."""
+    if (
+        hold_out is not None
+        and len(hold_out) == len(log)
+        and all(name in hold_out and np.array_equal(log[name], hold_out[name], equal_nan=True) for name in log.columns)
+    ):
+        raise LogError([f"{hold_out.source}: the hold-out is the log itself; give another motion."])
+    if log.time[-1] - log.time[0] < SHORTEST:
+        raise LogError([f"{log.source}: shorter than {SHORTEST:g} s; record at least 10 s of motion with reversals."])
+    warnings, refusals = look(arm, log)
+    if refusals:
+        raise LogError(refusals)
+    return warnings
+
+
+def _content(arm: Arm, found: Search, decision: Decision) -> dict[str, Any]:
+    """All of diagnosis.json that the fit says."""
+    words, described = found.words, arm.parameters.described
+    causes = []
+    likely = [n for n, p in zip(decision.names, decision.probability, strict=True) if n and p > 0.01]
+    for name, p, fit in zip(decision.names, decision.probability, decision.fits, strict=True):
+        if not name:
+            continue
+        effect, _, joint = name.partition("@")
+        parameters: dict[str, Any] = {}
+        if fit is not None:
+            _, covariance = fit.posterior
+            own = [(k, c) for k, c in enumerate(fit.design.words.columns) if c.atom in fit.atoms]
+            for column, c in own:
+                parameters[c.parameter] = _estimate(
+                    fit.design.point.p[c.index],
+                    math.sqrt(covariance[column, column]) * c.unit,
+                    described[c.parameter].unit,
+                )
+            for shape in dict.fromkeys(s for k in fit.atoms for s in words.atoms[k].shapes):
+                place = list(described).index(shape)
+                parameters[shape] = _estimate(fit.design.point.p[place], None, described[shape].unit)
+        suffix = f"_{joint}" if joint != "0" else ""
+        causes.append(
+            {
+                "effect": effect,
+                "joint": int(joint),
+                "probability": float(p),
+                "parameters": {k.removesuffix(suffix) if suffix else k: v for k, v in parameters.items()},
+                "confounded_with": [other for other in likely if other != name],
+                "separate_by": "",
+            }
+        )
+    best, base = decision.best, {}
+    _, covariance = best.posterior
+    for k, c in enumerate(best.design.words.columns):
+        if c.base and c.atom not in best.atoms and described[c.parameter].tolerance > 0:
+            base[c.parameter] = _estimate(
+                best.design.point.p[c.index], math.sqrt(covariance[k, k]) * c.unit, described[c.parameter].unit
+            )
+    hypotheses = [
+        {"effects": [n] if n else [], "probability": float(p)}
+        for n, p in zip(decision.names, decision.probability, strict=True)
+    ]
+    where = []
+    for entry in decision.verdict:
+        effect, _, joint = entry.partition("@")
+        place = next((a.place for a in words.atoms if a.name == entry), "motor")
+        where.append({"joint": int(joint), "place": place, "share": None, "when": ""})
+    return {
+        "schema": verdict.SCHEMA,
+        "verdict": list(decision.verdict),
+        "sure": decision.sure,
+        "where": where,
+        "causes": causes,
+        "hypotheses": hypotheses,
+        "parameters": base,
+        "method": {
+            "calibrated": False,
+            "present_from": PRESENT,
+            "sure_below": SURE,
+            "unexplained_torque": best.score.at.s,
+            "noise_scale": math.sqrt(best.score.at.kappa2),
+        },
+    }
+
+
+def _estimate(value: float, std: float | None, unit: str) -> dict[str, Any]:
+    return {"value": float(value), "std": std, "unit": unit}
+
+
+def _gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:
+    """Before and after from row ``first`` on, in multiples of the noise; what a flexible correction would reach is not
+    computed and stays empty, as does the interval."""
+    multiples = {
+        name: {"before": _multiple(before, log, name, first), "after": _multiple(after, log, name, first)}
+        for name in before.errors
+        if before.noise.get(name)
+    }
+    gap = {
+        when: math.exp(float(np.mean([math.log(max(m[when], 1e-3)) for m in multiples.values()])))
+        for when in ("before", "after")
+    }
+    span = gap["before"] - 1.0
+    return {
+        **gap,
+        "floor": 1.0,
+        "achievable": None,
+        "shrink": (gap["before"] - gap["after"]) / span if span > 0.1 else None,
+        "interval": None,
+        "by_channel": multiples,
+    }
+
+
+def _multiple(seen: Replay, log: Log, name: str, first: int) -> float:
+    return float(np.sqrt(np.mean((seen.columns[name] - log[name])[first:] ** 2))) / seen.noise[name]
+
+
+def _data(log: Log, held_out: Log, own: bool, warnings: list[str]) -> dict[str, Any]:
+    return {
+        "log": log.source,
+        "rate": 1 / log.period,
+        "duration": float(log.time[-1] - log.time[0]),
+        "held_out": f"the last {100 * HELD_OUT:g} % of the log" if own else held_out.source,
+        "warnings": warnings,
+        "notes": list(log.notes),
+    }
+
+
+def _digest(robot: str | Path) -> str | None:
+    path = Path(robot)
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None

@@ -1,0 +1,118 @@
+"""A log as the fit sees it: inputs, measured channels with their noise, and windows that each begin anew.
+
+Legend: T rows, W windows, M channels; m positions and velocities of the state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.channels import describe
+from hdagen.log import Log
+from hdagen.plant import Arm, Array
+from hdagen.readings import Readings, Rows, complete, mechanical
+from hdagen.replay import _noise, driven_by, window_starts
+
+QUANTITIES = ("motor_current", "motor_position", "joint_position", "joint_torque")
+REACH = 0.01  # s to each side of a window's first row from which its state is read
+SHORTEST = 0.5  # share of the window that a shorter last one must have
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """``command`` (T, nu): row k is held to row k + 1. ``measured`` (T, M) with ``noise`` (M) standard deviations;
+    windows are the rows from ``starts`` (W) to ``ends`` (W); ``begun`` (W, nx) their first states as measured."""
+
+    log: Log
+    time: Array
+    command: Array
+    before: Array
+    names: tuple[str, ...]
+    outputs: tuple[tuple[str, int], ...]
+    measured: Array
+    noise: Array
+    starts: Rows
+    ends: Rows
+    begun: Array
+
+    @property
+    def rows(self) -> Rows:
+        """The rows that lie in windows, window after window."""
+        return np.concatenate([np.arange(a, b) for a, b in zip(self.starts, self.ends, strict=True)])
+
+    @property
+    def steps(self) -> Array:
+        """Time from each row to the next (T), s; the last as the one before."""
+        dt = np.diff(self.time)
+        return np.append(dt, dt[-1])
+
+
+def record(arm: Arm, log: Log, window: float) -> Record:
+    """The record of ``log`` for ``arm`` in windows of ``window`` s. Raises LogError."""
+    command, _ = driven_by(arm, log, "command")
+    names, outputs = [], []
+    driven = {
+        name
+        for j in range(1, arm.n + 1)
+        if (name := f"motor_current_{j}") in log and f"motor_current_command_{j}" in log
+    }
+    for j in range(1, arm.n + 1):
+        for quantity in QUANTITIES:
+            name = f"{quantity}_{j}"
+            if name in log and (quantity != "motor_current" or name in driven):
+                names.append(name)
+                outputs.append((quantity, j))
+    measured = np.stack([log[name] for name in names], 1)
+    noise = np.array(
+        [_noise(arm, name, log[name]) if "torque" not in name else describe(name, log[name]).noise for name in names]
+    )
+    starts = window_starts(log.time, window)
+    ends = np.append(starts[1:], len(log))
+    period = log.period
+    whole = ends - starts >= SHORTEST * window / period
+    starts, ends = starts[whole], ends[whole]
+    before = command[0, : arm.n].copy()
+    for j in range(1, arm.n + 1):
+        if f"motor_current_{j}" in log:
+            before[j - 1] = log[f"motor_current_{j}"][0]
+    return Record(
+        log,
+        log.time,
+        command,
+        before,
+        tuple(names),
+        tuple(outputs),
+        measured,
+        noise,
+        starts,
+        ends,
+        _begun(arm, log, starts),
+    )
+
+
+def _begun(arm: Arm, log: Log, starts: Rows) -> Array:
+    """The state (W, nx) at each start: a parabola through the rows about it."""
+    readings = Readings.of(arm, log)
+    x = np.zeros((len(starts), arm.nx))
+    known: set[int] = set()
+    reach = max(3, round(REACH / log.period))
+    for k, place in enumerate(readings.places):
+        name = arm.state_names[place]
+        if "position" not in name:
+            continue
+        rate = arm.index(name.replace("position", "velocity"))
+        for w, row in enumerate(starts):
+            span = slice(max(0, row - reach), min(len(log), row + reach + 1))
+            t = log.time[span] - log.time[row]
+            fit = np.polyfit(t, readings.measured[span, k] / readings.factors[k], 2)
+            x[w, place], x[w, rate] = fit[2], fit[1]
+        known |= {place, rate}
+    x[:, : mechanical(arm)] = complete(arm, x, known)[:, : mechanical(arm)]
+    if starts[0] == 0:  # the log begins at rest unless velocities are logged
+        first = x[0]
+        for k, name in enumerate(arm.state_names[: mechanical(arm)]):
+            if "velocity" in name and abs(first[k]) < 1e-2 * arm.manifest["state"][k]["bound"]:
+                first[k] = 0.0
+    return x
