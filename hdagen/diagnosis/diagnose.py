@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from hdagen import verdict
-from hdagen.diagnosis.candidates import PRESENT, dictionary
-from hdagen.diagnosis.decide import SURE, Decision, decide
+from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.decide import Decision, decide
+from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.shooting import Shooting
@@ -58,7 +59,7 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
     seen = record(arm, fitted_on, max(WINDOW, FEWEST * log.period))
     found = search(Shooting(arm, seen), dictionary(arm, starts(arm, fitted_on)), say)
     decision = decide(found)
-    content = _content(arm, found, decision)
+    content = findings(arm, found, decision)
     said = verdict.read(content)
     say("replay of held-out motion")
     before = replay(plain, held_out)
@@ -83,77 +84,6 @@ def _looked_at(arm: Arm, log: Log, hold_out: Log | None) -> list[str]:
     if refusals:
         raise LogError(refusals)
     return warnings
-
-
-def _content(arm: Arm, found: Search, decision: Decision) -> dict[str, Any]:
-    """All of diagnosis.json that the fit says."""
-    words, described = found.words, arm.parameters.described
-    causes = []
-    likely = [n for n, p in zip(decision.names, decision.probability, strict=True) if n and p > 0.01]
-    for name, p, fit in zip(decision.names, decision.probability, decision.fits, strict=True):
-        if not name:
-            continue
-        effect, _, joint = name.partition("@")
-        parameters: dict[str, Any] = {}
-        if fit is not None:
-            _, covariance = fit.posterior
-            own = [(k, c) for k, c in enumerate(fit.design.words.columns) if c.atom in fit.atoms]
-            for column, c in own:
-                parameters[c.parameter] = _estimate(
-                    fit.design.point.p[c.index],
-                    math.sqrt(covariance[column, column]) * c.unit,
-                    described[c.parameter].unit,
-                )
-            for shape in dict.fromkeys(s for k in fit.atoms for s in words.atoms[k].shapes):
-                place = list(described).index(shape)
-                parameters[shape] = _estimate(fit.design.point.p[place], None, described[shape].unit)
-        suffix = f"_{joint}" if joint != "0" else ""
-        causes.append(
-            {
-                "effect": effect,
-                "joint": int(joint),
-                "probability": float(p),
-                "parameters": {k.removesuffix(suffix) if suffix else k: v for k, v in parameters.items()},
-                "confounded_with": [other for other in likely if other != name],
-                "separate_by": "",
-            }
-        )
-    best, base = decision.best, {}
-    _, covariance = best.posterior
-    for k, c in enumerate(best.design.words.columns):
-        if c.base and c.atom not in best.atoms and described[c.parameter].tolerance > 0:
-            base[c.parameter] = _estimate(
-                best.design.point.p[c.index], math.sqrt(covariance[k, k]) * c.unit, described[c.parameter].unit
-            )
-    hypotheses = [
-        {"effects": [n] if n else [], "probability": float(p)}
-        for n, p in zip(decision.names, decision.probability, strict=True)
-    ]
-    where = []
-    for entry in decision.verdict:
-        effect, _, joint = entry.partition("@")
-        place = next((a.place for a in words.atoms if a.name == entry), "motor")
-        where.append({"joint": int(joint), "place": place, "share": None, "when": ""})
-    return {
-        "schema": verdict.SCHEMA,
-        "verdict": list(decision.verdict),
-        "sure": decision.sure,
-        "where": where,
-        "causes": causes,
-        "hypotheses": hypotheses,
-        "parameters": base,
-        "method": {
-            "calibrated": False,
-            "present_from": PRESENT,
-            "sure_below": SURE,
-            "unexplained_torque": best.score.at.s,
-            "noise_scale": math.sqrt(best.score.at.kappa2),
-        },
-    }
-
-
-def _estimate(value: float, std: float | None, unit: str) -> dict[str, Any]:
-    return {"value": float(value), "std": std, "unit": unit}
 
 
 def _gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:

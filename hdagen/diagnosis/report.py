@@ -83,7 +83,7 @@ def _candidates(content: dict[str, Any]) -> Section:
     )
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance "
-        "and every other effect within a small size. The fitted size of an effect below 15 % of the usual one counts as none."
+        "and every other effect within a small size. An effect below 15 % of its usual size counts as none."
     )
     return Section("What is missing", text, [chart, table("All hypotheses", ["hypothesis", "probability"], rows)])
 

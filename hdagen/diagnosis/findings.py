@@ -1,0 +1,93 @@
+"""What a decision says in diagnosis.json: verdict, causes, hypotheses, parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from hdagen import verdict
+from hdagen.diagnosis.candidates import PRESENT, Dictionary
+from hdagen.diagnosis.decide import SURE, Decision
+from hdagen.diagnosis.search import Fitted, Search
+from hdagen.plant import Arm, Parameter
+
+LIKELY = 0.01  # probability from which another cause is named as confounded
+
+
+def findings(arm: Arm, found: Search, decision: Decision) -> dict[str, Any]:
+    """All of diagnosis.json that the fit says; the gap, the robot and the data are added by who has them."""
+    words, described, best = found.words, arm.parameters.described, decision.best
+    hypotheses = list(zip(decision.names, decision.probability.tolist(), strict=True))
+    likely = [name for name, p in hypotheses if name and p > LIKELY]
+    causes = [
+        _cause(name, p, fit, words, described, [other for other in likely if other != name])
+        for (name, p), fit in zip(hypotheses, decision.fits, strict=True)
+        if name
+    ]
+    return {
+        "schema": verdict.SCHEMA,
+        "verdict": list(decision.verdict),
+        "sure": decision.sure,
+        "where": [_where(entry, words) for entry in decision.verdict],
+        "causes": causes,
+        "hypotheses": [{"effects": [name] if name else [], "probability": p} for name, p in hypotheses],
+        "parameters": _base(best, described),
+        "method": {
+            "calibrated": False,
+            "present_from": PRESENT,
+            "sure_below": SURE,
+            "unexplained_torque": best.score.at.s,
+            "noise_scale": math.sqrt(best.score.at.kappa2),
+        },
+    }
+
+
+def _where(entry: str, words: Dictionary) -> dict[str, Any]:
+    """Joint and place of an effect; its share and when it acts are not computed and stay empty."""
+    place = next((atom.place for atom in words.atoms if atom.name == entry), "motor")
+    return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "when": ""}
+
+
+def _cause(
+    name: str,
+    probability: float,
+    fit: Fitted | None,
+    words: Dictionary,
+    described: Mapping[str, Parameter],
+    confounded: list[str],
+) -> dict[str, Any]:
+    """A candidate that was tried; its parameters where it was fitted."""
+    effect, _, joint = name.partition("@")
+    parameters: dict[str, Any] = {}
+    if fit is not None:
+        _, covariance = fit.posterior
+        for k, c in enumerate(fit.design.words.columns):
+            if c.atom in fit.atoms:
+                spread = math.sqrt(covariance[k, k]) * c.unit
+                parameters[c.parameter] = _estimate(fit, described[c.parameter], c.index, spread)
+        for shape in dict.fromkeys(s for k in fit.atoms for s in words.atoms[k].shapes):
+            parameters[shape] = _estimate(fit, described[shape], list(described).index(shape), None)
+    suffix = f"_{joint}" if joint != "0" else ""
+    return {
+        "effect": effect,
+        "joint": int(joint),
+        "probability": probability,
+        "parameters": {k.removesuffix(suffix) if suffix else k: v for k, v in parameters.items()},
+        "confounded_with": confounded,
+        "separate_by": "",
+    }
+
+
+def _base(best: Fitted, described: Mapping[str, Parameter]) -> dict[str, Any]:
+    """The base parameters as re-estimated with the verdict."""
+    _, covariance = best.posterior
+    return {
+        c.parameter: _estimate(best, described[c.parameter], c.index, math.sqrt(covariance[k, k]) * c.unit)
+        for k, c in enumerate(best.design.words.columns)
+        if c.base and c.atom not in best.atoms and described[c.parameter].tolerance > 0
+    }
+
+
+def _estimate(fit: Fitted, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
+    return {"value": float(fit.design.point.p[place]), "std": std, "unit": parameter.unit}
