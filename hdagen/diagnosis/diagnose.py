@@ -28,6 +28,7 @@ WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
 HELD_OUT = 0.2  # share of a log that is kept from the fit where there is no hold-out log
 SHORTEST = 1.0  # s of log
+NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,9 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
     before = replay(plain, held_out)
     after = replay(verdict.with_effects(robot, "portable", said), held_out, with_=said)
     content["gap"] = _gap(before, after, held_out, cut)
+    if content["gap"]["before"] < NOISE or content["gap"]["after"] >= content["gap"]["before"]:
+        content |= {"verdict": [], "sure": False, "where": [], "parameters": {}}  # it does not stand up to other motion
+        after, content["gap"] = before, _gap(before, before, held_out, cut)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(log, held_out, hold_out is None, warnings)
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut)

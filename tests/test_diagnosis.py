@@ -1,0 +1,86 @@
+"""The diagnosis: its evidence against a dense Gaussian, and truths put into a simulated machine that must come back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from hdagen import verdict
+from hdagen.__main__ import main
+from hdagen.diagnosis.evidence import freed, gain, posterior
+from hdagen.diagnosis.linear import Linear
+from hdagen.log import write
+from hdagen.plant import Array
+
+
+def problem(rng: np.random.Generator, windows: int = 3) -> tuple[Linear, list[Array], int, int, int]:
+    """A linear model of small windows with its blocks [S | B | J | r]."""
+    m, k, many, rows = 2, 3, 4, 20
+    blocks = [rng.normal(size=(rows, m + k + many + 1)) for _ in range(windows)]
+    return Linear(np.stack([b.T @ b for b in blocks]), m, k, windows * rows), blocks, m, k, many
+
+
+def dense(blocks: list[Array], m: int, k: int, s: float, kappa2: float, v: Array) -> float:
+    """Log density of what is left of r once the first states are projected out of every window."""
+    seen, columns, noise = [], [], []
+    for b in blocks:
+        S, B, J, r = b[:, :m], b[:, m : m + k], b[:, m + k : -1], b[:, -1]
+        basis = np.linalg.svd(S)[0][:, m:]  # orthogonal to the first states
+        seen.append(basis.T @ r)
+        columns.append(basis.T @ J)
+        noise.append(kappa2 * (basis.T @ B @ B.T @ basis * s**2 + np.eye(basis.shape[1])))
+    J = np.concatenate(columns)
+    C = scipy.linalg.block_diag(*noise) + J @ np.diag(v**2) @ J.T
+    return float(scipy.stats.multivariate_normal(cov=C).logpdf(np.concatenate(seen)))
+
+
+@pytest.mark.parametrize("s", [0.0, 0.3])
+@pytest.mark.parametrize("kappa2", [1.0, 2.5])
+def test_the_evidence_is_that_of_the_dense_gaussian(s: float, kappa2: float) -> None:
+    linear, blocks, m, k, many = problem(np.random.default_rng(3))
+    spike, free = np.full(many, 0.2), np.array([1, 3])
+    wide = spike.copy()
+    wide[free] = 1.0
+    at = posterior(linear.reduced(np.full(k, s)), spike, s, kappa2)
+    truth = dense(blocks, m, k, s, kappa2, wide) - dense(blocks, m, k, s, kappa2, spike)
+    assert gain(at, spike, free) == pytest.approx(truth, rel=1e-9)
+    other = posterior(linear.reduced(np.full(k, 0.0)), spike, 0.0, 1.0)
+    apart = dense(blocks, m, k, s, kappa2, spike) - dense(blocks, m, k, 0.0, 1.0, spike)
+    assert at.evidence - other.evidence == pytest.approx(apart, rel=1e-9, abs=1e-9)
+    direct = posterior(linear.reduced(np.full(k, s)), wide, s, kappa2)
+    mean, covariance = freed(at, spike, free)
+    np.testing.assert_allclose(mean, direct.mean, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(covariance, direct.covariance, rtol=1e-8, atol=1e-12)
+
+
+def test_a_hold_out_that_is_the_log_and_a_short_log_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time = np.arange(0, 0.5, 1e-3)
+    columns = {"time": time}
+    for j in (1, 2):
+        columns |= {f"motor_current_command_{j}": 0.1 * np.sin(9 * time), f"motor_position_{j}": 5 * np.sin(8 * time)}
+    log = tmp_path / "log.csv"
+    write(columns, log)
+    assert main(["diagnose", "paper", str(log), "--out", str(tmp_path / "out")]) == 3
+    assert "shorter than 1 s" in capsys.readouterr().err
+    assert main(["diagnose", "paper", str(log), "--hold-out", str(log), "--out", str(tmp_path / "out")]) == 3
+    assert "the hold-out is the log itself" in capsys.readouterr().err
+    assert not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.campaign
+def test_a_made_log_names_its_effect_and_closes_the_gap(data_dir: Path, tmp_path: Path) -> None:
+    case = data_dir / "made" / "single" / "case-005"
+    arguments = ["diagnose", str(case / "robot.toml"), str(case / "log.parquet"), "--out", str(tmp_path)]
+    assert main([*arguments, "--hold-out", str(case / "hold_out.parquet")]) == 0
+    found = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert found["verdict"] == ["coulomb_friction@2"]
+    assert found["gap"]["after"] < 0.1 * found["gap"]["before"]
+    assert sum(h["probability"] for h in found["hypotheses"]) == pytest.approx(1.0)
+    assert verdict.read(found).effects[0].name == "coulomb_friction"
+    assert (tmp_path / "report.html").stat().st_size < 5_000_000
