@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from hdagen.channels import describe
-from hdagen.kalman import estimate
 from hdagen.input_stage import InputStage
+from hdagen.kalman import estimate
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import Readings, mechanical
