@@ -56,11 +56,14 @@ class Draw:
     rng: np.random.Generator
 
     def parameters(self, rows: int, spread: float | None = None) -> Floats:
-        """p (rows × np): uniform within its bounds, or within ``spread`` of nominal, relative to it."""
+        """p (rows × np): uniform within its bounds, or within ``spread`` of nominal, relative to it, and, where nominal
+        is 0, within the typical size of its effect."""
         low, high = (np.array([q[end] for q in self.made.manifest["parameters"]]) for end in ("low", "high"))
         if spread is not None:
             about = self.made.nominal
-            low, high = (np.clip(about + sign * spread * abs(about), low, high) for sign in (-1, 1))
+            typical = np.array([q["typical"] or 0.0 for q in self.made.manifest["parameters"]])
+            width = np.where(about == 0, typical, spread * abs(about))
+            low, high = (np.clip(about + sign * width, low, high) for sign in (-1, 1))
         return self.rng.uniform(low, high, (rows, low.size))
 
     def inputs(self, f: Mapping[str, Any], c: Floats) -> list[Floats]:
