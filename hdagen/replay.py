@@ -196,6 +196,8 @@ def _predict(arm: Arm, log: Log, inputs: Array, starts: Rows) -> tuple[Array, li
         return states, ["Windows start at the logged positions and velocities.", *_stopped(stopped)]
     notes, states, stopped = _moves(log, readings), np.zeros((len(log), arm.nx)), 0
     lost = np.zeros(len(starts), bool)
+    if arm.nx > m:  # the effects' own states, as far as windows that begin where they were measured tell
+        states, _ = _roll(arm, log, inputs, starts, begun, carry=True)
     for _ in range(1 if arm.nx == m else 2):  # the second time the filters begin with the effects' states of the first
         if len(starts) > 1:
             found = estimate(arm, log, readings, inputs, starts[1:], states[:, m:])
