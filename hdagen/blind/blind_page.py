@@ -132,7 +132,6 @@ def _effects(report: Report) -> page.Section:
         rows.append(
             [
                 name.replace("_", " "),
-                SIZES[name].place,
                 right.count,
                 100 * right.value,
                 f"{low:.0f} to {high:.0f}",
@@ -142,7 +141,7 @@ def _effects(report: Report) -> page.Section:
                 found["snr"].value,
             ]
         )
-    columns = ("effect", "place", "cases", "right (%)", "95 % interval", "joint (%)", "place (%)", "p of truth", "snr")
+    columns = ("effect", "cases", "right (%)", "95 % interval", "joint (%)", "place (%)", "p of truth", "snr")
     caption = "snr: how far the effect moves the channel that shows it best, rms, in multiples of its noise; median."
     return page.Section("By effect", "", [figure.table("By effect", columns, rows, digits=3, caption=caption)])
 
@@ -157,17 +156,26 @@ def _confusion(report: Report) -> page.Section:
     # what a diagnosis names beyond the table of effects stands at the end
     verdicts = [one for one in order if one in names] + sorted(names - set(order))
     grid = [[counts[true].get(one, math.nan) for one in verdicts] for true in truths]
+    number = {one: str(at) for at, one in enumerate(dict.fromkeys([*truths, *verdicts]), 1)}
     drawn = figure.heat(
         "Confusion",
-        [one.replace("_", " ") for one in verdicts],
-        [one.replace("_", " ") for one in truths],
+        [number[one] for one in verdicts],
+        [f"{one.replace('_', ' ')} {number[one]}" for one in truths],
         grid,
-        x_label="verdict",
+        x_label="verdict, by the number of its row",
         y_label="truth",
         value_label="cases",
-        caption="Asymmetric friction and a bias of the current are the same but near standstill and count as one.",
+        caption="Asymmetric friction and a bias of the current are the same but near standstill and count as one. "
+        + "; ".join(f"{number[one]}: {one.replace('_', ' ')}" for one in verdicts if one not in truths),
     )
-    return page.Section("What was taken for what", "", [drawn])
+    mistakes: list[list[Cell]] = [
+        [true.replace("_", " "), one.replace("_", " "), count]
+        for true in truths
+        for one, count in sorted(counts[true].items(), key=lambda item: -item[1])
+        if one != true
+    ]
+    table = figure.table("Taken for something else", ("truth", "verdict", "cases"), mistakes)
+    return page.Section("What was taken for what", "", [drawn, table] if mistakes else [drawn])
 
 
 def _gap(report: Report) -> page.Section:

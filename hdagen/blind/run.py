@@ -24,6 +24,7 @@ from hdagen.blind.cases import Case, Robot, cases, robots
 from hdagen.blind.child import ChildError, ask, run
 from hdagen.blind.score import Row, judged
 from hdagen.log import LogError, read
+from hdagen.whole import whole
 
 HDAGEN = (sys.executable, "-P", "-m", "hdagen")
 MOST_SECONDS = 600.0  # of a diagnosis
@@ -197,6 +198,5 @@ def _row(asked: Check, case: Case, label: Mapping[str, Any], told: Mapping[str, 
 
 def replace(path: Path, text: str) -> None:
     """Write a whole file or none."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)
+    with whole(path, text.encode("utf-8")):
+        pass
