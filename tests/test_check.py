@@ -189,7 +189,7 @@ def test_torque_limits_decide_where_they_are_stated(tmp_path: Path) -> None:
 def test_a_stiff_memory_brings_the_step_that_carries_narrow_friction(tmp_path: Path) -> None:
     assert examined(tmp_path, narrow("R", "f"))[1].refusals("")
     bristles = robots.effect("presliding_friction", 1, presliding_share=1.0, presliding_angle=0.02)
-    _, found = examined(tmp_path, narrow("R", "f") + bristles)
+    _, found = examined(tmp_path, narrow("R", "f") + bristles, ("presliding_friction",))
     assert not found.refusals("")
     assert found.smallest_step < 5e-4 / 100
 

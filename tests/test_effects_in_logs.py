@@ -153,7 +153,8 @@ def test_missing_compliance_is_a_linear_spring_with_a_dashpot(build: Builder) ->
         ratio = arm.parameters["ratio_1"]
         x[:, arm.index("motor_position_1")], x[:, arm.index("motor_velocity_1")] = ratio * torsion, ratio * rate
         torque = arm.outputs(x, np.zeros(arm.nu))["joint_torque"][:, 0]
-        assert torque == pytest.approx(torsion / compliance + damping * rate, rel=2e-6, abs=1e-6)
+        spring = torsion / compliance  # the wave generator's, a million times stiffer, yields by a millionth of it
+        assert (np.abs(torque - spring - damping * rate) <= 2e-6 * np.abs(spring) + 1e-9).all()
 
 
 def test_a_stiffer_drive_comes_nearer_to_the_rigid_one(build: Builder) -> None:
