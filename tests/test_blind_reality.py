@@ -33,7 +33,12 @@ def still(rows: int, q: tuple[float, float] = (0.0, 0.0)) -> Motion:
     return Motion(np.arange(rows) * PERIOD, position, np.zeros((rows, 2)), np.zeros((rows, 2)))
 
 
-def log(robot: Robot, motion: Motion, effects=NOTHING, arm=None) -> dict[str, np.ndarray]:  # type: ignore[no-untyped-def]
+def log(
+    robot: Robot,
+    motion: Motion,
+    effects: tuple[dict[str, dict[str, float]], ...] = NOTHING,
+    arm: dict[str, dict[str, float]] | None = None,
+) -> dict[str, np.ndarray]:
     return simulate(World(robot.joints, effects, arm or {}, robot.gravity), robot.joints, motion, 7)
 
 

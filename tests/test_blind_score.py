@@ -140,7 +140,8 @@ def test_none_unknown_and_pairs() -> None:
 
 
 def test_unknown_among_the_hypotheses_alone_has_their_probability() -> None:
-    said = diagnosis([], 1.0) | dict(verdict=["unknown@2"], hypotheses=[{"effects": ["unknown@2"], "probability": 0.8}])
+    said = diagnosis([], 1.0)
+    said.update(verdict=["unknown@2"], hypotheses=[{"effects": ["unknown@2"], "probability": 0.8}])
     assert row(["unknown@2"], said).p_truth == pytest.approx(0.8)
 
 
