@@ -48,8 +48,8 @@ def run(options: argparse.Namespace) -> int:
     except OSError as error:
         raise PlantError(f"--out {out}: cannot be made ({error.strerror}); name another folder.") from None
     try:
-        log = read(options.log, columns=options.columns)
-        held = read(options.hold_out, columns=options.columns) if options.hold_out else None
+        log = read(options.log, columns=options.columns, holes=True)
+        held = read(options.hold_out, columns=options.columns, holes=True) if options.hold_out else None
     except OSError as error:
         raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
     begun = time.monotonic()

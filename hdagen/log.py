@@ -22,7 +22,7 @@ _POSITIONS = ("motor_position", "joint_position")
 _SLOWEST = 0.2  # s between rows; a control log is faster, so an undeclared unit is taken for ms, us or ns
 _FASTEST = 1e-6  # s
 _HUGE = 1e9  # SI; no channel of an arm reaches it
-_GAP = 1.5  # periods between rows that count as a gap
+_GAP = 1.75  # periods between rows that count as a gap: two where one row is missing, less a quarter of jitter
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +71,11 @@ class Log:
         return Log(self.time[start:stop], part, self.n_joints, self.source, self.notes)
 
 
-def read(path: Path | str, columns: Path | str | None = None, joints: int | None = None) -> Log:
+def read(path: Path | str, columns: Path | str | None = None, joints: int | None = None, holes: bool = False) -> Log:
     """Read a log (.csv, .parquet, .mat), through a columns.toml where its names, units or signs are foreign.
 
-    ``joints``: how many the robot has; the log must have the same. Raises LogError with every problem at once,
+    ``joints``: how many the robot has; the log must have the same. ``holes``: values that are missing stay NaN, for
+    `hdagen.repair`, where otherwise they are refused. Raises LogError with every problem at once,
     ColumnsError where columns.toml is at fault.
     """
     path = Path(path)
@@ -84,7 +85,7 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     problems = _check_columns(path, raw, mapped, joints)
     if mapped.time is not None:
         problems += _check_time(path, raw, mapped, mapped.time, mapping.sources.get("time"))
-    problems += _check_values(path, raw, mapped)
+    problems += _check_values(path, raw, mapped, holes)
     if problems or mapped.time is None:
         raise LogError(problems)
     notes: list[str] = []
@@ -208,13 +209,13 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source
     return problems
 
 
-def _check_values(path: Path, raw: Table, mapped: Mapped) -> list[str]:
-    """Every value finite and of a size that an arm can have."""
+def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[str]:
+    """Every value finite, unless ``holes`` are wanted, and of a size that an arm can have."""
     problems = []
     for name, values in mapped.columns.items():
         part = values[mapped.start : mapped.stop]
         bad = np.flatnonzero(~np.isfinite(part)) + mapped.start
-        if len(bad):
+        if len(bad) and not holes:
             longest = int(np.diff(np.flatnonzero(np.diff(bad, prepend=-1, append=bad[-1] + 2) != 1)).max())
             problems.append(
                 f"{path}, {raw.place(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to {longest} "

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hdagen.channels import Channel, describe
 from hdagen.log import Log, gaps
-from hdagen.suspicion import effort, inputs, positions
+from hdagen.suspicion import effort, inputs, positions, stopped
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
-__all__ = ["Finding", "Severity", "Triage", "triage"]
+__all__ = ["Finding", "Severity", "Triage", "look", "triage"]
 
 _MANY_DROPPED = 0.005, 0.2  # share of rows missing that is worth a warning, and that cannot be worked with
 _LONG_GAP = 0.25  # s; a window of the replay
@@ -138,11 +139,30 @@ def triage(
     )
 
 
+def look(log: Log, robot: Mapping[str, Any]) -> Triage:
+    """`triage` with all that a robot file states, as a build's manifest holds it (``arm.robot``)."""
+    joints = robot["joints"]
+    resolutions = {
+        f"{side}_position_{j}": joint["sensor"][f"{side}_encoder_resolution"]
+        for j, joint in enumerate(joints, 1)
+        for side in ("motor", "joint")
+    }
+    return triage(
+        log,
+        [joint["drive"]["ratio"]["nominal"] for joint in joints],
+        {name: value for name, value in resolutions.items() if value},
+        [joint["drive"]["max_current"] for joint in joints],
+        [joint["limits"]["position"] for joint in joints],
+        [j for j, joint in enumerate(joints, 1) if joint["kind"] == "prismatic"],
+    )
+
+
 def _suspect(
     log: Log, channels: Mapping[str, Channel], machine: Machine, lags: Mapping[str, inputs.Lag]
 ) -> list[Finding]:
     """Mistakes. One spoils the search for others: a channel found wrong is left out of the comparisons that follow."""
-    findings = positions.jumps(log, channels)
+    findings = positions.jumps(log, channels) + positions.lost_rows(log, channels)
+    findings += stopped.still(log, channels) + stopped.cut_positions(log, channels)
     sound = _sound(log, findings)
     findings += positions.spans(channels, machine, sound) + positions.steps(channels, machine)
     findings += inputs.current_sizes(channels, machine)
@@ -150,14 +170,16 @@ def _suspect(
     for joint in _sound(log, findings, ("wrapped", "jump", "swapped")):
         findings += positions.encoders(log, channels, machine, joint)
         findings += positions.rates(log, channels, joint) + positions.reference(log, channels, joint)
-    findings += inputs.measured_against_command(log, lags, machine)
     moving = effort.motion(
         log, channels, machine.ratios, _sound(log, findings, ("wrapped", "jump", "swapped", "degrees"))
     )
+    behind = effort.behind(log, channels, moving)
+    findings += inputs.measured_against_command(log, lags, machine, behind) + effort.skews(behind, log.period)
     swapped = effort.swapped_inputs(log, channels, moving)
     if not swapped:
-        findings += effort.signs(log, channels, moving, lags)
-    return findings + swapped
+        findings += effort.signs(log, channels, moving, lags) + stopped.cut_inputs(log, channels, moving)
+    sound = _sound(log, findings, ("wrapped", "jump", "swapped", "degrees", "reversed", "joint_scale", "units"))
+    return findings + swapped + positions.skews(log, channels, machine, sound)
 
 
 def _sound(log: Log, findings: list[Finding], names: tuple[str, ...] = ("wrapped", "jump")) -> list[int]:

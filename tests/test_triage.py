@@ -384,12 +384,11 @@ def test_short_still_and_saturated_logs_are_warned_of(good: Log) -> None:
     names = [(f.name, f.joint) for f in look(still, stated=False).findings if f.severity is not Severity.NOTE]
     assert names == [("still", 2), ("still", 2)]
     limited = np.clip(good["motor_current_command_1"], -4, 4)
-    found = look(
-        changed(
-            good, motor_current_command_1=limited, motor_current_1=shift(limited, 1) + 1e-3 * np.sin(good.time * 1e4)
-        )
-    )
-    assert any("motor_current_command_1 sits at -4 or 4" in s for s in found.warnings) and found.refusals == ()
+    measured = shift(limited, 1) + 1e-3 * np.sin(good.time * 1e4)
+    found = look(changed(good, motor_current_command_1=limited, motor_current_1=measured))
+    assert any("motor_current_command_1 sits at -4 or 4" in s for s in found.warnings)
+    refused = [(f.name, f.joint) for f in found.findings if f.severity is Severity.REFUSE]
+    assert refused == [("saturated", 1)]  # the motion is that of the current before it was cut
 
 
 def test_what_is_missing_is_said_with_its_cost(good: Log) -> None:
@@ -426,6 +425,81 @@ def test_a_compliant_arm_pushed_by_hand_is_not_accused(stiffness: float, damping
     log = Log(time, {"motor_torque_1": measured, "joint_position_1": q}, 1, "")
     assert np.ptp(q) > 0.02 and np.mean(torque[:-1] * np.diff(q)) < 0
     assert triage(log, (ratio,)).refusals == ()
+
+
+def one_joint(time: np.ndarray, position: np.ndarray, **columns: np.ndarray) -> Log:
+    """A log of one joint with torque and position."""
+    speed = np.gradient(np.convolve(np.pad(position, 7, mode="edge"), np.ones(15) / 15, "valid"), time)
+    torque = np.gradient(speed, time) + 0.1 * speed + 0.05 * np.tanh(20 * speed)
+    return Log(time, {"motor_torque_1": torque, "joint_position_1": position} | columns, 1, "one joint")
+
+
+def there_and_back(time: np.ndarray, rest: float) -> np.ndarray:
+    """From −1 to 1 rad and back at limited acceleration, with ``rest`` s at both ends."""
+    phase = np.mod(time, 2 * (1 + rest))
+    half = np.clip(np.where(phase < 1 + rest, phase, 2 * (1 + rest) - phase - rest), 0, 1)
+    return -1 + 2 * np.where(half < 0.5, 2 * half**2, 1 - 2 * (1 - half) ** 2)
+
+
+@pytest.mark.parametrize("period", [1e-3, 5e-3])
+@pytest.mark.parametrize("step", [2 * np.pi / 4096, 2 * np.pi / 2**20])
+def test_a_joint_that_rests_at_its_turning_points_is_not_cut_off(period: float, step: float) -> None:
+    time = np.arange(0, 8, period)
+    rests = np.round(there_and_back(time, 0.2) / step) * step
+    assert triage(one_joint(time, rests), (10.0,)).refusals == ()
+    swings = np.round(np.sin(3 * time) / step) * step
+    assert triage(one_joint(time, swings), (10.0,)).refusals == ()
+    cut = triage(one_joint(time, np.clip(swings, -0.8, 0.9)), (10.0,))
+    told = step < 1e-5 or period > 2e-3  # where the joint goes on by one count a row a kink is not seen
+    assert any("the sensor's range has ended" in sentence for sentence in cut.refusals) == told
+
+
+def test_a_log_of_two_rates_has_lost_no_row(good: Log) -> None:
+    time = np.concatenate([np.arange(400) * 5.3e-3, 2.12 + np.arange(800) * 3.5e-3])
+    found = triage(one_joint(time, np.sin(3 * time)), (10.0,))
+    assert found.dropped == 0 and found.refusals == ()
+
+
+def test_a_lead_in_a_slow_sine_is_a_phase_and_not_a_row() -> None:
+    """Ahead of its command, but as unlike it there as anywhere."""
+    time, random = np.arange(0, 10, 2e-3), np.random.default_rng(7)
+    command = np.sin(2 * np.pi * 0.6 * time)
+    measured = 0.8 * np.sin(2 * np.pi * 0.6 * (time + 0.03)) + 0.12 * np.sin(2 * np.pi * 1.8 * time + 0.4)
+    measured += 0.02 * random.standard_normal(len(time))
+    position = -np.sin(2 * np.pi * 0.6 * time)
+    log = Log(
+        time, {"motor_torque_command_1": command, "motor_torque_1": measured, "joint_position_1": position}, 1, ""
+    )
+    found = triage(log, (6.0,))
+    assert found.lags["motor_torque_1"] < -0.008
+    assert "row_shift" not in {f.name for f in found.findings if f.severity is not Severity.NOTE}
+    assert any("which cannot be, and hardly better" in f.sentence for f in found.findings)
+
+
+def test_what_a_passive_joint_s_sensor_reads_is_no_input_that_was_lost(good: Log) -> None:
+    random = np.random.default_rng(9)
+    small = 0.05 * float(np.std(good["motor_current_2"])) * random.standard_normal(len(good))
+    passive = changed(good, motor_current_command_1=np.zeros(len(good)), motor_current_1=small)
+    found = look(passive)
+    assert not [f for f in found.findings if f.name == "still" and f.severity is Severity.REFUSE]
+    assert any("motor_current_command_1 stays at 0" in s and "a passive joint" in s for s in found.warnings)
+    lost = look(changed(good, motor_current_command_1=np.zeros(len(good))))
+    assert any("motor_current_command_1 stays at 0 while motor_current_1 does not" in s for s in lost.refusals)
+
+
+def test_a_reference_that_is_not_reached_is_no_mistake_and_another_joint_s_is_a_warning(good: Log) -> None:
+    weak = changed(good, joint_position_reference_1=5 * good["joint_position_reference_1"])
+    steps = changed(good, joint_position_reference_1=np.sign(np.sin(0.7 * good.time)) + 1e-3 * good.time)
+    for log in (weak, steps):
+        found = look(log, stated=False)
+        assert found.refusals == () and found.warnings == ()
+    names = ("joint_position_reference_1", "joint_position_reference_2")
+    found = look(swap(*names)(good), stated=False)
+    assert [(f.name, f.joint) for f in found.findings if f.severity is Severity.WARN] == [
+        ("unrelated", 1),
+        ("unrelated", 2),
+    ]
+    assert "does follow joint_position_2" in found.warnings[0]
 
 
 # Logs of others

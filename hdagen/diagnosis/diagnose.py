@@ -19,15 +19,14 @@ from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import starts
-from hdagen.log import Log, LogError
-from hdagen.plant import Arm, load
+from hdagen.log import Log
+from hdagen.plant import load
+from hdagen.repair import prepared
 from hdagen.replay import Replay, check, replay
-from hdagen.replay_command import look
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
 HELD_OUT = 0.2  # share of a log that is kept from the fit where there is no hold-out log
-SHORTEST = 1.0  # s of log
 NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 
 
@@ -53,7 +52,7 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
     check(plain, log)
     if hold_out is not None:
         check(plain, hold_out)
-    warnings = _looked_at(plain, log, hold_out)
+    log, hold_out, of_data = prepared(plain, log, hold_out)
     cut = round((1 - HELD_OUT) * len(log)) if hold_out is None else 0
     fitted_on, held_out = (log.rows(0, cut), log) if hold_out is None else (log, hold_out)
     arm = load(robot, "native", ("all",))
@@ -70,24 +69,8 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
         content |= {"verdict": [], "sure": False, "where": [], "parameters": {}}  # it does not stand up to other motion
         after, content["gap"] = before, _gap(before, before, held_out, cut)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
-    content["data"] = _data(log, held_out, hold_out is None, warnings)
+    content["data"] = _data(log, held_out, hold_out is None) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut)
-
-
-def _looked_at(arm: Arm, log: Log, hold_out: Log | None) -> list[str]:
-    """The warnings of the triage. Raises LogError with its refusals."""
-    if (
-        hold_out is not None
-        and len(hold_out) == len(log)
-        and all(name in hold_out and np.array_equal(log[name], hold_out[name], equal_nan=True) for name in log.columns)
-    ):
-        raise LogError([f"{hold_out.source}: the hold-out is the log itself; give another motion."])
-    if log.time[-1] - log.time[0] < SHORTEST:
-        raise LogError([f"{log.source}: shorter than {SHORTEST:g} s; record at least 10 s of motion with reversals."])
-    warnings, refusals = look(arm, log)
-    if refusals:
-        raise LogError(refusals)
-    return warnings
 
 
 def _gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:
@@ -117,13 +100,12 @@ def _multiple(seen: Replay, log: Log, name: str, first: int) -> float:
     return float(np.sqrt(np.mean((seen.columns[name] - log[name])[first:] ** 2))) / seen.noise[name]
 
 
-def _data(log: Log, held_out: Log, own: bool, warnings: list[str]) -> dict[str, Any]:
+def _data(log: Log, held_out: Log, own: bool) -> dict[str, Any]:
     return {
         "log": log.source,
         "rate": 1 / log.period,
         "duration": float(log.time[-1] - log.time[0]),
         "held_out": f"the last {100 * HELD_OUT:g} % of the log" if own else held_out.source,
-        "warnings": warnings,
         "notes": list(log.notes),
     }
 

@@ -13,6 +13,7 @@ from hdagen.channels import describe
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, Rows, complete, mechanical
+from hdagen.repair import segments
 from hdagen.replay import _noise, driven_by, window_starts
 
 QUANTITIES = ("motor_current", "motor_position", "joint_position", "joint_torque")
@@ -68,7 +69,7 @@ def record(arm: Arm, log: Log, window: float) -> Record:
     noise = np.array(
         [_noise(arm, name, log[name]) if "torque" not in name else describe(name, log[name]).noise for name in names]
     )
-    starts = window_starts(log.time, window)
+    starts = np.union1d(window_starts(log.time, window), [first for first, _ in segments(log.time)])
     ends = np.append(starts[1:], len(log))
     period = log.period
     whole = ends - starts >= SHORTEST * window / period

@@ -22,6 +22,8 @@ from hdagen.suspicion.inputs import INPUTS, Lag
 _SURE_INERTIA, _SURE_POWER = -20.0, -0.03
 _INERTIA, _POWER = -5.0, -0.15
 _EXPLAINED = 0.8
+_LATEST = 12  # rows, searched between an input and the motion
+_AHEAD = 4  # rows that the motion must be ahead of its input by to be said
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +111,57 @@ def signs(log: Log, channels: Mapping[str, Channel], moving: Motion, lags: Mappi
             )
             findings.append(Finding(Severity.REFUSE, "reversed", joint, sentence))
     return findings
+
+
+def behind(log: Log, channels: Mapping[str, Channel], moving: Motion) -> dict[str, float]:
+    """How many rows the motion is behind each input: the shift at which the fit explains it best; about 0 for a
+    measured one, more for a command by what the drive takes. Within about two rows; inputs that the fit does not
+    explain are left out."""
+    found = {}
+    for one, joint in enumerate(moving.joints):
+        rows = np.arange(0, len(moving.grid.time), moving.grid.width)
+        kept = (rows >= _LATEST) & (rows < len(moving.grid.time) - _LATEST)
+        terms = _terms(moving, one, list(range(len(moving.joints))))[kept]
+        for name in (f"{base}_{joint}" for base in INPUTS):
+            if name not in channels or channels[name].constant or len(terms) < 5 * terms.shape[1]:
+                continue
+            smooth = moving.grid.smooth(log[name])
+            misfits = [1 - _fit(terms, smooth[rows[kept] - shift]).explained for shift in range(-_LATEST, _LATEST + 1)]
+            best = int(np.argmin(misfits))
+            if misfits[best] < 1 - _EXPLAINED and 0 < best < 2 * _LATEST:
+                found[name] = float(best - _LATEST)
+    return found
+
+
+def skews(found: Mapping[str, float], period: float) -> list[Finding]:
+    """Inputs that the motion of every joint is ahead of (`behind`): their clock and that of the positions differ. One
+    joint alone may have a wall or a spring that looks alike."""
+    findings = []
+    for base in INPUTS:
+        rows = {name: value for name, value in found.items() if name.rpartition("_")[0] == base}
+        if rows and max(rows.values()) <= -_AHEAD:
+            shift = round(sum(rows.values()) / len(rows))
+            sentence = (
+                f"the motion is {-1e3 * shift * period:.2g} ms ahead of {', '.join(rows)}, which cannot be: inputs and "
+                f"positions are not of the same instant; if that is the log, set shift_rows = {shift} under each in "
+                "columns.toml."
+            )
+            findings.append(Finding(Severity.NOTE, "skew", 0, sentence))
+    return findings
+
+
+def unexplained(log: Log, moving: Motion, one: int, name: str, held: np.ndarray) -> tuple[float, float] | None:
+    """What the motion asks of the input ``name`` beyond its reading in the rows ``held`` (T,), away from 0, and the
+    root mean square error of the fit in the other rows, from which it is made. None where either are too few."""
+    terms = _terms(moving, one, list(range(len(moving.joints))))
+    share = moving.grid.smooth(held.astype(float))[:: moving.grid.width]
+    values = moving.values(log, name)
+    inside, outside = share > 0.99, share < 0.01
+    if np.count_nonzero(inside) < 3 or np.count_nonzero(outside) < 5 * terms.shape[1]:
+        return None
+    fit = _fit(terms[outside], values[outside])
+    beyond = (terms[inside] @ fit.coefficients - values[inside]) * np.sign(values[inside])
+    return float(np.median(beyond)), fit.size * math.sqrt(max(1 - fit.explained, 0.0))
 
 
 def _terms(moving: Motion, one: int, accelerating: list[int]) -> np.ndarray:

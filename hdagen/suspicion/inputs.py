@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from hdagen.channels import Channel, relation
-from hdagen.log import Log
+from hdagen.log import Log, gaps
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
 PAIRS = (("motor_current_command", "motor_current"), ("motor_torque_command", "motor_torque"))  # commanded, measured
 INPUTS = tuple(base for pair in PAIRS for base in pair)
 _LONGEST_LAG = 0.1  # s, searched between command and measurement
 _EARLIEST = -5  # rows
+_CLEAR = 0.5  # of the misfit at the usual lag, that a lag before the command must leave at most to be a mistake
+_TOLD = 3  # rows from which the motion tells which of command and measurement is logged in the wrong row
 _UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA
 
 
@@ -33,7 +36,7 @@ def current_sizes(channels: Mapping[str, Channel], machine: Machine) -> list[Fin
                 sentence = (
                     f'{name} reaches {peak:.4g}, {known}: mA? Then set unit = "mA" under [{name}] in columns.toml.'
                 )
-                findings.append(Finding(Severity.REFUSE, "milliamperes", joint, sentence))
+                findings.append(Finding(Severity.REFUSE, "milliamperes", joint, sentence, {name: {"unit": "mA"}}))
     return findings
 
 
@@ -53,20 +56,23 @@ class Lag:
 
 
 def lag(command: np.ndarray, measured: np.ndarray, period: float) -> Lag | None:
-    """The lag between two channels (T,) of rows ``period`` s apart; None where they do not correlate or hardly vary."""
+    """The lag between two channels (T,) of rows ``period`` s apart; None where they do not correlate or hardly vary.
+
+    Rows that are missing are NaN: what they would be compared with does not count.
+    """
     latest = max(10, round(_LONGEST_LAG / period))
-    if len(command) < 4 * latest or np.ptp(command) == 0 or np.ptp(measured) == 0:
-        return None
     inner = command[-_EARLIEST : len(command) - latest]
-    if np.ptp(inner) == 0:
+    if len(command) < 4 * latest:
         return None
     lags = range(_EARLIEST, latest + 1)
     slopes, misfits = [], []
     for rows in lags:
         later = measured[rows - _EARLIEST : rows - _EARLIEST + len(inner)]
-        if np.ptp(later) == 0:
+        both = np.isfinite(inner) & np.isfinite(later)
+        pair = (inner, later) if both.all() else (inner[both], later[both])
+        if len(pair[0]) < latest or np.ptp(pair[0]) == 0 or np.ptp(pair[1]) == 0:
             return None
-        slope, correlation = relation(inner, later)
+        slope, correlation = relation(*pair)
         slopes.append(slope)
         misfits.append(max(0.0, 1 - correlation**2))
     best = int(np.argmin(misfits))
@@ -86,21 +92,35 @@ def lags(log: Log) -> dict[str, Lag]:
         for joint in range(1, log.n_joints + 1):
             names = f"{commanded}_{joint}", f"{measured}_{joint}"
             if all(name in log for name in names):
-                one = lag(log[names[0]], log[names[1]], log.period)
+                one = lag(*_spread(log, names), log.period)
                 if one is not None:
                     found[names[1]] = one
     return found
 
 
-def measured_against_command(log: Log, found: Mapping[str, Lag], machine: Machine) -> list[Finding]:
-    """Scale of a measured channel against its command, and the row in which it shows it."""
+def _spread(log: Log, names: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
+    """Columns with a NaN for each row that is missing; of a long gap only as many as the longest lag."""
+    rows, missing = gaps(log.time)
+    steps = np.ones(len(log), int)
+    steps[rows + 1] += np.minimum(missing, max(10, round(_LONGEST_LAG / log.period)) - _EARLIEST)
+    place = np.cumsum(steps) - 1
+    spread = np.full((len(names), place[-1] + 1), np.nan)
+    spread[:, place] = [log[name] for name in names]
+    return spread[0], spread[1]
+
+
+def measured_against_command(
+    log: Log, found: Mapping[str, Lag], machine: Machine, behind: Mapping[str, float]
+) -> list[Finding]:
+    """Scale of a measured channel against its command, and the row in which it shows it; ``behind`` says how many rows
+    the motion is behind each measured input (`effort.behind`)."""
     findings = []
     for commanded, measured in PAIRS:
         for joint in range(1, log.n_joints + 1):
             command, name = f"{commanded}_{joint}", f"{measured}_{joint}"
             if name in found:
                 findings += _scale(found[name], command, name, machine.ratios[joint - 1], joint)
-                findings += _row(log, found[name], command, name, joint)
+                findings += _row(log, found[name], command, name, joint, behind.get(name, math.nan))
     return findings
 
 
@@ -109,7 +129,7 @@ def _scale(one: Lag, command: str, name: str, ratio: float, joint: int) -> list[
     for factor, what, who in ((1e3, "mA against A", name), (1e-3, "A against mA", command)):
         if 0.5 < one.slope / factor < 2 and "current" in name:
             sentence = f'{says}: {what}; set unit = "mA" under [{who}] in columns.toml.'
-            return [Finding(Severity.REFUSE, "milliamperes", joint, sentence)]
+            return [Finding(Severity.REFUSE, "milliamperes", joint, sentence, {who: {"unit": "mA"}})]
     for factor, who in ((ratio, name), (1 / ratio, command)):
         if "torque" in name and ratio > 3 and 0.8 < one.slope / factor < 1.25:
             repair = f"joint_side_ratio = {ratio:g} under [{who}]"
@@ -121,15 +141,21 @@ def _scale(one: Lag, command: str, name: str, ratio: float, joint: int) -> list[
     return []
 
 
-def _row(log: Log, one: Lag, command: str, name: str, joint: int) -> list[Finding]:
+def _row(log: Log, one: Lag, command: str, name: str, joint: int, behind: float) -> list[Finding]:
     """A command is held from its row to the next: the measurement cannot show it before the next row."""
     if np.array_equal(log[command], log[name]):
         sentence = (
             f"{name} equals {command} in every row: the command under another name, not a measurement; leave it out, "
             f'ignore = ["{name}"] in columns.toml.'
         )
-        return [Finding(Severity.REFUSE, "row_shift", joint, sentence)]
-    if one.rows <= 0 and one.misfit < 0.9 * one.usual:
+        return [Finding(Severity.REFUSE, "row_shift", joint, sentence, {"ignore": [name]})]
+    if one.rows <= 0 and one.misfit < 0.9 * one.usual and one.misfit >= _CLEAR * one.usual:
+        sentence = (
+            f"{name} fits {command} best {-1e3 * one.seconds:.2g} ms ahead of it, which cannot be, and hardly better "
+            "than behind it: their shapes differ in another way."
+        )
+        return [Finding(Severity.NOTE, "row_shift", joint, sentence)]
+    if one.rows <= 0 and one.misfit < _CLEAR * one.usual:
         early = 1 - one.rows
         shown = f"k+{-one.rows}" if one.rows else "k"
         sentence = (
@@ -137,7 +163,9 @@ def _row(log: Log, one: Lag, command: str, name: str, joint: int) -> list[Findin
             f"under [{command}] (it is logged late) or shift_rows = {early} under [{name}] (it is logged early), "
             "in columns.toml."
         )
-        return [Finding(Severity.REFUSE, "row_shift", joint, sentence)]
+        late = early >= _TOLD and behind > -early / 2  # the motion follows the measurement as it stands
+        repair = {command: {"shift_rows": -early}} if late else {name: {"shift_rows": early}}
+        return [Finding(Severity.REFUSE, "row_shift", joint, sentence, repair)]
     if one.rows == 2 and one.misfit < 0.8 * one.usual:
         sentence = (
             f"{name} shows in row k the command of row k-2: the command is logged a row early, or the drive takes a "

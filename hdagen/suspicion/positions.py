@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from hdagen.channels import Channel, even, relation
 from hdagen.columns import split_name
 from hdagen.log import Log, gaps
-from hdagen.suspicion.finding import Finding, Machine, Severity
+from hdagen.suspicion.finding import Finding, Machine, Severity, in_words
 
 _DEGREE = 180 / math.pi
+_TWICE = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
+_LOST = 0.003  # share of rows
+_FOLLOWS = 0.95  # correlation from which a position follows a reference
 _TURNS = 25.0  # rad; a joint that spans more turns like a wheel, or is logged in degrees
 
 
@@ -39,11 +43,10 @@ def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
         )
         period = next((p for p in _periods() if abs(size / p - 1) < 0.03), None)
         if period is not None:
-            unit = {360.0: ' and unit = "deg"', 1.0: ' and unit = "turn"'}.get(period, "")
-            wrap = "6.283185307179586" if period == 2 * math.pi else f"{period:g}"
-            repair = f"set wrap = {wrap}{unit} under [{name}] in columns.toml"
-            sentence = f"{where}: an encoder that wraps at {period:.5g}; {repair}."
-            findings.append(Finding(Severity.REFUSE, "wrapped", joint, sentence))
+            unit = {360.0: {"unit": "deg"}, 1.0: {"unit": "turn"}}.get(period, {})
+            repair = {name: {"wrap": period, **unit}}
+            sentence = f"{where}: an encoder that wraps at {period:.5g}; set {in_words(repair)} in columns.toml."
+            findings.append(Finding(Severity.REFUSE, "wrapped", joint, sentence, repair))
         elif len(rows) > 1 and np.all(np.diff(rows)[::2] == 1):
             sentence = (
                 f"{where} and back: readings that are wrong; cut these rows, or leave the cells empty and fill them."
@@ -61,6 +64,40 @@ def _periods() -> Iterator[float]:
     yield from (2.0**k for k in range(8, 33))
 
 
+def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Rows in which all moving positions go two or three times as far as in the rows around, though time says nothing:
+    rows were lost before they were numbered."""
+    ratios = []
+    whole = np.ones(len(log) - 1, bool)
+    whole[gaps(log.time)[0]] = False
+    for name, channel in channels.items():
+        base = (split_name(name) or ("", 0))[0]
+        if base not in ("motor_position", "joint_position") or not channel.moves or len(log) < 100:
+            continue
+        moves = np.diff(log[name])
+        usual = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(moves, 3, mode="edge"), 7), axis=1)
+        fast = (np.abs(usual) > 10 * channel.noise) & whole
+        ratios.append(np.where(fast, moves / np.where(fast, usual, 1.0), np.nan))
+    if not ratios:
+        return []
+    seen = np.isfinite(ratios).any(axis=0)
+    low, high = (
+        f(np.where(np.isfinite(ratios), ratios, default), axis=0) for f, default in ((np.min, 9.0), (np.max, -9.0))
+    )
+    double = seen & (low > _TWICE[0]) & (high < _TWICE[1])
+    opposite = seen & (low > -_TWICE[1] + 2) & (high < 2 - _TWICE[0])  # as far off to the other side: a shaky motion
+    lost, shaky = np.count_nonzero(double), np.count_nonzero(opposite)
+    if lost < 5 or lost < _LOST * np.count_nonzero(seen) or lost < 5 * shaky:
+        return []
+    share, row = 100 * lost / np.count_nonzero(seen), int(np.flatnonzero(double)[0])
+    sentence = (
+        f"all positions move twice as far as usual in {share:.2g} % of the rows, first after row {row + 1} "
+        f"({log.time[row]:.6g} s), and time runs on evenly: rows were lost and not counted; record the time at which "
+        "each row was sampled."
+    )
+    return [Finding(Severity.REFUSE, "dropped", 0, sentence)]
+
+
 def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -> list[Finding]:
     """Joints in ``sound`` that span more than a joint can: degrees."""
     findings = []
@@ -70,14 +107,15 @@ def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -
             continue
         channel = channels[name]
         reach, span = max(abs(channel.low), abs(channel.high)), channel.high - channel.low
-        repair = f'set unit = "deg" under [{name}] in columns.toml'
+        degrees = {name: {"unit": "deg"}}
+        repair = f"set {in_words(degrees)} in columns.toml"
         if limits is not None:
             allowed = max(abs(limits[0]), abs(limits[1]))
             if reach > 2 * allowed + 0.1:
                 sentence = (
                     f"{name} reaches {reach:.4g} where the robot file allows {allowed:.4g} rad: degrees? Then {repair}."
                 )
-                findings.append(Finding(Severity.REFUSE, "degrees", joint, sentence))
+                findings.append(Finding(Severity.REFUSE, "degrees", joint, sentence, degrees))
             elif channel.low < limits[0] or channel.high > limits[1]:
                 sentence = (
                     f"{name} leaves its limits ({channel.low:.4g} to {channel.high:.4g} rad, limits {limits[0]:.4g} to "
@@ -89,7 +127,7 @@ def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -
                 f"{name} spans {span:.4g} rad, {span / (2 * math.pi):.3g} turns: degrees? Then {repair}; if it really "
                 "turns, state limits.position in the robot file."
             )
-            findings.append(Finding(Severity.REFUSE, "degrees", joint, sentence))
+            findings.append(Finding(Severity.REFUSE, "degrees", joint, sentence, degrees))
     return findings
 
 
@@ -102,8 +140,9 @@ def steps(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
         seen, joint = channels[name].step, int(name.rpartition("_")[2])
         says = f"{name} moves in steps of {seen:.4g}, the robot file states {stated:.4g}"
         if abs(seen / stated / _DEGREE - 1) < 0.03:
-            sentence = f'{says}: degrees; set unit = "deg" under [{name}] in columns.toml.'
-            findings.append(Finding(Severity.REFUSE, "degrees", joint, sentence))
+            degrees = {name: {"unit": "deg"}}
+            sentence = f"{says}: degrees; set {in_words(degrees)} in columns.toml."
+            findings.append(Finding(Severity.REFUSE, "degrees", joint, sentence, degrees))
         elif not 0.6 < seen / stated < 1.6:
             sentence = f"{says}: the wrong robot file, the wrong unit, or a resolution to correct there."
             findings.append(Finding(Severity.WARN, "resolution", joint, sentence))
@@ -128,7 +167,8 @@ def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint:
     for expected, name, what, repair in _explanations(ratio, motor, link, machine.prismatic[joint - 1]):
         if abs(slope / expected - 1) < 0.05:
             says = f"{motor} moves {slope:.4g} times as far as {link}, ratio {ratio:g}: {what}"
-            return [Finding(Severity.REFUSE, name, joint, f"{says}; set {repair} in columns.toml.")]
+            does = in_words(repair) or f"sign = -1 under [{motor}] or [{link}]"
+            return [Finding(Severity.REFUSE, name, joint, f"{says}; set {does} in columns.toml.", repair)]
     sentence = (
         f"{motor} moves {slope:.4g} times as far as {link}, and the robot file states the ratio {ratio:g}: the file of "
         "another robot, or a unit to give in columns.toml."
@@ -136,23 +176,26 @@ def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint:
     return [Finding(Severity.REFUSE, "ratio", joint, sentence)]
 
 
-def _explanations(ratio: float, motor: str, link: str, prismatic: bool) -> Iterator[tuple[float, str, str, str]]:
+Explanation = tuple[float, str, str, dict[str, dict[str, Any]]]
+
+
+def _explanations(ratio: float, motor: str, link: str, prismatic: bool) -> Iterator[Explanation]:
     """Slopes of motor over joint position that a mistake gives: the slope, the finding, what it is, and its repair."""
-    side = f"joint_side_ratio = {ratio:g}"
-    yield -ratio, "reversed", "one of them is reversed", f"sign = -1 under [{motor}] or [{link}]"
-    yield 1.0, "joint_scale", "the motor angle is logged at joint scale", f"{side} under [{motor}]"
-    yield -1.0, "joint_scale", "the motor angle is at joint scale and reversed", f"{side} and sign = -1 under [{motor}]"
-    yield ratio * _DEGREE, "degrees", "the motor angle is in degrees", f'unit = "deg" under [{motor}]'
-    yield ratio / (2 * math.pi), "units", "the motor angle is in turns", f'unit = "turn" under [{motor}]'
+    side, degrees = {"joint_side_ratio": ratio}, {"unit": "deg"}
+    yield -ratio, "reversed", "one of them is reversed", {}
+    yield 1.0, "joint_scale", "the motor angle is logged at joint scale", {motor: side}
+    yield -1.0, "joint_scale", "the motor angle is at joint scale and reversed", {motor: {**side, "sign": -1}}
+    yield ratio * _DEGREE, "degrees", "the motor angle is in degrees", {motor: degrees}
+    yield ratio / (2 * math.pi), "units", "the motor angle is in turns", {motor: {"unit": "turn"}}
     if prismatic:
-        yield ratio / 1000, "units", "the joint position is in mm", f'unit = "mm" under [{link}]'
+        yield ratio / 1000, "units", "the joint position is in mm", {link: {"unit": "mm"}}
         return
-    yield ratio / _DEGREE, "degrees", "the joint angle is in degrees", f'unit = "deg" under [{link}]'
-    yield ratio * 2 * math.pi, "units", "the joint angle is in turns", f'unit = "turn" under [{link}]'
-    both = f'unit = "deg" and {side} under [{motor}]'
-    yield _DEGREE, "degrees", "the motor angle is in degrees and at joint scale", both
-    both = f'{side} under [{motor}] and unit = "deg" under [{link}]'
-    yield 1 / _DEGREE, "degrees", "the motor angle is at joint scale and the joint angle in degrees", both
+    yield ratio / _DEGREE, "degrees", "the joint angle is in degrees", {link: degrees}
+    yield ratio * 2 * math.pi, "units", "the joint angle is in turns", {link: {"unit": "turn"}}
+    both = "the motor angle is in degrees and at joint scale"
+    yield _DEGREE, "degrees", both, {motor: {**degrees, **side}}
+    both = "the motor angle is at joint scale and the joint angle in degrees"
+    yield 1 / _DEGREE, "degrees", both, {motor: side, link: degrees}
 
 
 def rates(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding]:
@@ -170,13 +213,27 @@ def rates(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding
 
 
 def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding]:
-    """The reference against the joint's position."""
+    """The reference against the joint's position. A weak drive does not reach it, which is no mistake: only that
+    another joint follows it is worth a warning."""
     position, reference = f"joint_position_{joint}", f"joint_position_reference_{joint}"
     if position not in channels or reference not in channels or not channels[position].moves:
         return []
     if not channels[reference].moves:
         return []
-    return _same(log[position], log[reference], reference, position, "", joint)
+    others = {
+        name: abs(relation(log[name], log[reference])[1])
+        for j in range(1, log.n_joints + 1)
+        if j != joint and (name := f"joint_position_{j}") in channels and channels[name].moves
+    }
+    findings = _same(log[position], log[reference], reference, position, "", joint)
+    if any(finding.name == "unrelated" for finding in findings) and max(others.values(), default=0.0) > _FOLLOWS:
+        other = max(others, key=lambda name: others[name])
+        sentence = (
+            f"{reference} hardly follows {position} and does follow {other} (correlation {others[other]:.2f}): that "
+            "joint's? Then correct 'from' in columns.toml."
+        )
+        return [Finding(Severity.WARN, "unrelated", joint, sentence)]
+    return [Finding(Severity.NOTE, f.name, f.joint, f.sentence) if f.severity is Severity.WARN else f for f in findings]
 
 
 def _same(expected: np.ndarray, found: np.ndarray, name: str, position: str, per: str, joint: int) -> list[Finding]:
@@ -185,20 +242,24 @@ def _same(expected: np.ndarray, found: np.ndarray, name: str, position: str, per
     other = f"the derivative of {position}" if per else position
     if abs(correlation) < 0.7:
         sentence = (
-            f"{name} hardly follows {other} (correlation {correlation:.2f}): another joint's? "
-            "Then correct 'from' in columns.toml."
+            f"{name} hardly follows {other} (correlation {correlation:.2f}): another joint's, or a drive that does not "
+            "reach it; if it is another's, correct 'from' in columns.toml."
         )
         return [Finding(Severity.WARN, "unrelated", joint, sentence)]
-    for factor, finding, what, repair in (
-        (-1.0, "reversed", "reversed", f"sign = -1 under [{name}]"),
-        (_DEGREE, "degrees", "in degrees", f'unit = "deg{per}" under [{name}]'),
-        (1 / _DEGREE, "degrees", "the position is in degrees", f'unit = "deg" under [{position}]'),
-    ):
-        if abs(slope / factor - 1) < 0.25:
-            sentence = f"{name} is {slope:.3g} times {other}: {what}; set {repair} in columns.toml."
-            return [Finding(Severity.REFUSE, finding, joint, sentence)]
+    mistakes: tuple[Explanation, ...] = (
+        (-1.0, "reversed", "reversed", {name: {"sign": -1}}),
+        (_DEGREE, "degrees", "in degrees", {name: {"unit": f"deg{per}"}}),
+        (1 / _DEGREE, "degrees", "the position is in degrees", {position: {"unit": "deg"}}),
+    )
+    for factor, finding, what, repair in mistakes:
+        if 0.5 < slope / factor < 2:  # a reference that is badly followed is larger, and no other mistake is near
+            sentence = f"{name} is {slope:.3g} times {other}: {what}; set {in_words(repair)} in columns.toml."
+            return [Finding(Severity.REFUSE, finding, joint, sentence, repair)]
     if not 0.5 < slope < 2:
-        sentence = f"{name} is {slope:.3g} times {other}: another unit or another joint's; correct columns.toml."
+        sentence = (
+            f"{name} is {slope:.3g} times {other}: another unit, another joint's, or a drive that does not reach it; "
+            "correct columns.toml in the first cases."
+        )
         return [Finding(Severity.WARN, "units", joint, sentence)]
     return []
 
@@ -222,3 +283,36 @@ def swapped_encoders(log: Log, channels: Mapping[str, Channel], sound: list[int]
             )
             findings += [Finding(Severity.REFUSE, "swapped", joint, sentence) for joint in (i, j)]
     return findings
+
+
+def skews(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: list[int]) -> list[Finding]:
+    """How much later the joint's encoder reads than the motor's, from the part of their difference that goes with
+    speed. No mistake by itself: the diagnosis has it among its candidates."""
+    found = {}
+    for joint in joints:
+        motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
+        if motor not in channels or link not in channels or not (channels[motor].moves and channels[link].moves):
+            continue
+        grid = even(log.time)
+        position = grid.smooth(log[link])
+        speed = grid.rate(position)
+        twist = grid.smooth(log[motor] / machine.ratios[joint - 1] - log[link])
+        slow = max(0.05 * float(np.quantile(np.abs(speed), 0.9)), 1e-12)
+        terms = [speed, grid.rate(speed), np.tanh(speed / slow), position, np.ones_like(speed)]
+        matrix = np.stack(terms, 1)[:: grid.width]
+        matrix /= np.abs(matrix).max(0)
+        delay = np.linalg.lstsq(matrix, twist[:: grid.width], rcond=1e-9)[0][0] / np.abs(speed[:: grid.width]).max()
+        if abs(delay) > log.period:
+            found[joint] = float(delay)
+    equal = len(found) == len(joints) > 1 and np.ptp(list(found.values())) < 0.2 * abs(np.mean(list(found.values())))
+    why = " alike on all joints: the encoders' clocks differ" if equal else " a late encoder, or a joint that bends so"
+    return [
+        Finding(
+            Severity.NOTE,
+            "skew",
+            joint,
+            f"joint_position_{joint} reads {1e3 * abs(delay):.3g} ms {'later' if delay > 0 else 'earlier'} than "
+            f"motor_position_{joint},{why}.",
+        )
+        for joint, delay in found.items()
+    ]

@@ -1,0 +1,237 @@
+"""Repair: a log made fit for a diagnosis where its own numbers say what is wrong, or refused in sentences.
+
+What triage finds and can name as lines of a columns.toml is done (degrees, milliamperes, wrapped encoders, a measured
+input logged in the wrong row); rows without a value are taken out; dropped rows stay gaps, at which `segments` cuts.
+Everything else that would mislead a diagnosis is refused with what to record. A time skew is no mistake but a finding:
+the diagnosis has it among its candidates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdagen import columns_toml
+from hdagen.columns import split_name
+from hdagen.log import Log, LogError, gaps
+from hdagen.plant import Arm
+from hdagen.suspicion import against_model
+from hdagen.suspicion.finding import Finding, Severity, in_words
+from hdagen.table import Table
+from hdagen.triage import Triage, look
+
+SHORTEST = 1.0  # s
+_MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # findings whose repair leaves no choice
+_ROUNDS = 4  # one mistake can hide another
+_EMPTY = 0.5  # share of a column without a value from which the column is left out, not the rows
+_LOST = 0.1  # share of rows that may be missing
+_GAP = 0.01  # s without a row, over which a command cannot be taken as held
+_PERIODS = 3.5  # and at least as many periods
+_NEEDED = (
+    ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque"),
+    ("motor_position", "joint_position"),
+)
+
+
+@dataclass(frozen=True)
+class Repair:
+    """One thing done to a log: a stable name, the joint (0: the whole log), and a sentence that says what was wrong,
+    what was done, and how to record it right."""
+
+    name: str
+    joint: int
+    sentence: str
+
+
+def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """``log`` as a diagnosis with ``arm`` can use it, and what was done; the log's notes say it too.
+
+    ``log`` may hold NaN where a value is missing. Raises LogError with everything that no one but its owner can mend.
+    """
+    log, repairs = _without_holes(log)
+    problems = _joints(log, arm)
+    if problems:
+        raise LogError(problems)
+    for _ in range(_ROUNDS):
+        seen = look(log, arm.robot)
+        findings = _suspicions(log, arm, seen)
+        mended = _mendable(findings)
+        if not mended:
+            break
+        log = _applied(log, mended)
+        repairs += [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
+    problems = [f"{log.source}: {f.sentence}" for f in findings if f.severity is Severity.REFUSE]
+    problems += _too_little(log, seen)
+    if problems:
+        raise LogError(list(dict.fromkeys(problems)))
+    repairs += _gaps(log)
+    notes = (*log.notes, *(one.sentence for one in repairs))
+    return Log(log.time, log.columns, log.n_joints, log.source, tuple(dict.fromkeys(notes))), repairs
+
+
+def prepared(arm: Arm, log: Log, hold_out: Log | None) -> tuple[Log, Log | None, dict[str, Any]]:
+    """``log`` and ``hold_out`` repaired for a diagnosis with ``arm``, and what to say of the data, for a JSON file.
+
+    Raises LogError with the problems of both, and where the hold-out is the log itself.
+    """
+    if hold_out is not None and _same(log, hold_out):
+        raise LogError([f"{hold_out.source}: the hold-out is the log itself; give another motion."])
+    problems, done = [], []
+    for one in (log, hold_out) if hold_out is not None else (log,):
+        try:
+            done.append(repair(one, arm))
+        except LogError as error:
+            problems += error.problems
+    if problems:
+        raise LogError(problems)
+    seen = look(done[0][0], arm.robot).data()
+    said = {name: seen[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
+    said["warnings"] = list(dict.fromkeys(s for one, _ in done for s in look(one, arm.robot).warnings))
+    said["repaired"] = [
+        {"log": one.source, "name": each.name, "joint": each.joint, "what": each.sentence}
+        for one, repairs in done
+        for each in repairs
+    ]
+    said["refused"] = []  # a log that is refused ends in no diagnosis
+    return done[0][0], done[1][0] if hold_out is not None else None, said
+
+
+def _same(log: Log, other: Log) -> bool:
+    """Whether the two logs hold the same motion."""
+    return len(log) == len(other) and all(
+        name in other and np.array_equal(log[name], other[name], equal_nan=True) for name in log.columns
+    )
+
+
+def segments(time: np.ndarray) -> list[tuple[int, int]]:
+    """Rows [start, stop) between the long gaps of ``time`` (T,), s: no window of a replay may reach over one.
+
+    Long is above 10 ms and 3.5 periods: a command is taken as held over less.
+    """
+    steps = np.diff(time)
+    longest = max(_GAP, _PERIODS * float(np.median(steps))) if len(steps) else _GAP
+    cuts = [0, *(np.flatnonzero(steps > longest) + 1).tolist(), len(time)]
+    return [(a, b) for a, b in pairwise(cuts) if b > a]
+
+
+def _joints(log: Log, arm: Arm) -> list[str]:
+    """Whether the log is of as many joints as the arm, each with an input and a position."""
+    if log.n_joints != arm.n:
+        return [
+            f"{log.source}: the log has {log.n_joints} joint(s), {arm.robot['name']} has {arm.n}: the robot file of "
+            "another robot; name this one's, or take the joints wanted with a columns.toml."
+        ]
+    return [
+        f"{log.source}: joint {j} has none of {', '.join(f'{base}_{j}' for base in bases)}; record one of them."
+        for j in range(1, arm.n + 1)
+        for bases in _NEEDED
+        if not any(f"{base}_{j}" in log for base in bases)
+    ]
+
+
+def _suspicions(log: Log, arm: Arm, seen: Triage) -> list[Finding]:
+    """What triage finds; where that is nothing to refuse, what the robot's model finds."""
+    findings = list(seen.findings)
+    if any(f.severity is Severity.REFUSE for f in findings):
+        return findings
+    findings += against_model.exchanged(log, arm)
+    if any(f.severity is Severity.REFUSE for f in findings):
+        return findings
+    return findings + against_model.scale(log, arm)
+
+
+def _mendable(findings: list[Finding]) -> list[Finding]:
+    """The findings whose repair leaves no choice, one a column: several things can tell the same mistake."""
+    found: dict[str, Finding] = {}
+    for finding in findings:
+        if finding.severity is Severity.REFUSE and finding.name in _MENDED and finding.repair:
+            for column in finding.repair:
+                found.setdefault(column if column != "ignore" else finding.sentence, finding)
+    return list(dict.fromkeys(found.values()))
+
+
+def _applied(log: Log, mended: list[Finding]) -> Log:
+    """The log with the tables of all findings, as a columns.toml that held them would read it."""
+    tables: dict[str, Any] = {}
+    for finding in mended:
+        for column, table in finding.repair.items():
+            if column == "ignore":
+                tables.setdefault("ignore", []).extend(table)
+            else:
+                tables.setdefault(column, {}).update(table)
+    mapping = columns_toml.check(tables, Path("columns.toml"))
+    mapped = mapping.apply(Table({"time": log.time, **log.columns}, ("time", *log.columns), None, ()))
+    rows = slice(mapped.start, mapped.stop)
+    columns = {name: np.ascontiguousarray(values[rows]) for name, values in mapped.columns.items()}
+    return Log(log.time[rows], columns, log.n_joints, log.source, log.notes)
+
+
+def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
+    """The log without columns that are mostly empty and without rows in which another has no value."""
+    missing = {name: ~np.isfinite(values) for name, values in log.columns.items()}
+    empty = [name for name, rows in missing.items() if np.mean(rows) > _EMPTY]
+    repairs = []
+    for name in empty:
+        share, joint = 100 * np.mean(missing[name]), (split_name(name) or (name, 0))[1]
+        sentence = f"{name} has no value in {share:.3g} % of the rows: left out; record it, or leave it out of the log."
+        repairs.append(Repair("missing", joint, sentence))
+    columns = {name: values for name, values in log.columns.items() if name not in empty}
+    bad = np.zeros(len(log), bool)
+    for name in columns:
+        bad |= missing[name]
+    if not bad.any():
+        return (Log(log.time, columns, log.n_joints, log.source, log.notes) if empty else log), repairs
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], bad.astype(np.int8), [0]))))
+    lengths, first = edges[1::2] - edges[::2], int(edges[0])
+    where = ", ".join(name for name in columns if missing[name].any())
+    says = (
+        f"{where}: no value in {bad.sum()} row(s), {100 * np.mean(bad):.2g} % of the log, in {len(lengths)} run(s), "
+        f"the longest of {lengths.max()} row(s), first in row {first + 1} ({log.time[first]:.6g} s)"
+    )
+    if np.mean(bad) > _LOST or np.count_nonzero(~bad) < 2:
+        raise LogError([f"{log.source}: {says}: too many; record with a logger that keeps up, or cut the log there."])
+    kept = ~bad
+    sentence = f"{says}: these rows are taken out, and long runs cut the log; record with a logger that keeps up."
+    repairs.append(Repair("missing", 0, sentence))
+    columns = {name: values[kept] for name, values in columns.items()}
+    return Log(log.time[kept], columns, log.n_joints, log.source, log.notes), repairs
+
+
+def _too_little(log: Log, seen: Triage) -> list[str]:
+    """Why a log is refused that is too short, moves no joint, or has lost too much."""
+    problems = []
+    lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in segments(log.time))
+    if lasts < SHORTEST:
+        problems.append(
+            f"{log.source}: the log lasts {lasts:.3g} s without its gaps, shorter than {SHORTEST:g} s: record at least "
+            "10 s of motion with reversals, slow and fast."
+        )
+    if not any(c.moves for c in seen.channels if (split_name(c.name) or ("", 0))[0] in _NEEDED[1]):
+        problems.append(f"{log.source}: no joint moves; record a motion of every joint, with reversals.")
+    share = seen.dropped / (seen.rows + seen.dropped)
+    if share > _LOST:
+        problems.append(
+            f"{log.source}: {100 * share:.2g} % of the rows are missing; record with a logger that keeps up, or at a "
+            "lower rate."
+        )
+    return problems
+
+
+def _gaps(log: Log) -> list[Repair]:
+    """Dropped rows, said."""
+    rows, missing = gaps(log.time)
+    lost = int(missing.sum())
+    share = lost / (len(log) + lost)
+    if not lost:
+        return []
+    parts = len(segments(log.time))
+    cut = f" and the log is cut into {parts} parts at the long ones" if parts > 1 else ""
+    sentence = (
+        f"{lost} row(s) are missing in {len(rows)} gap(s), {100 * share:.2g} % of the log: they stay gaps over which "
+        f"commands are held{cut}; record with a logger that keeps up."
+    )
+    return [Repair("dropped", 0, sentence)]

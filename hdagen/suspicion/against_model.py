@@ -1,0 +1,157 @@
+"""Mistakes that show once a log is held against the model of its robot file: another robot's, another unit, swapped
+joints.
+
+The model's inverse dynamics along the measured motion is fitted to the input, friction and springs left free, and to
+the torsion. No effect that a real joint has changes the size of its inertia severalfold, or makes a joint twist as its
+neighbour should; a wrong file, unit or assignment does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from hdagen.channels import Channel, describe
+from hdagen.log import Log
+from hdagen.plant import Arm
+from hdagen.suspicion.effort import Motion, motion
+from hdagen.suspicion.finding import Finding, Severity, in_words
+from hdagen.suspicion.inputs import INPUTS
+
+_SCALE = 3.0  # times the inertia of the robot file that an effect can make of it: torque constant, payload, wrong mass
+_CORRELATED = 0.3  # of input and inertial torque, below which they say nothing of each other
+_MILLI = 3.0  # factor about 1000 within which a scale is taken for thousandths
+_BETTER = 1.5  # how much better exchanged joints must explain the torsion
+
+
+def scale(log: Log, arm: Arm) -> list[Finding]:
+    """Inputs that ask for an inertia several times larger or smaller than the robot file's.
+
+    Needs every joint of the arm with a position.
+    """
+    channels = {name: describe(name, values) for name, values in log.columns.items()}
+    moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
+    torque = _joint_torque(log, arm, moving)
+    findings = []
+    for one, joint in enumerate(moving.joints):
+        p, ratio = arm.parameters, arm.parameters[f"ratio_{joint}"]
+        inertial = torque[:, joint - 1] / ratio + p[f"motor_inertia_{joint}"] * ratio * moving.acceleration[one]
+        for name in (f"{base}_{joint}" for base in INPUTS):
+            if name not in channels or channels[name].constant:
+                continue
+            unit = p[f"torque_constant_{joint}"] if "current" in name and f"torque_constant_{joint}" in p else 1.0
+            low, high = _between(_terms(moving, one, inertial), unit * moving.values(log, name))
+            if low > _SCALE or high < 1 / _SCALE:
+                times = math.copysign(math.sqrt(low * high), high)
+                findings.append(_finding(name, joint, times, channels[name]))
+    return findings
+
+
+def exchanged(log: Log, arm: Arm) -> list[Finding]:
+    """Pairs of joints whose torsions are explained by the model once the two are exchanged, and not as they are."""
+    channels = {name: describe(name, values) for name, values in log.columns.items()}
+    both = [
+        j
+        for j in arm.manifest["flexible"]
+        if all(n in channels and channels[n].moves for n in (f"motor_position_{j}", f"joint_position_{j}"))
+    ]
+    findings = []
+    own = _twists(log, arm, channels, both)
+    for i, j in ((i, j) for i in both for j in both if i < j):
+        if not math.isclose(*(arm.parameters[f"ratio_{k}"] for k in (i, j)), rel_tol=0.1):
+            continue  # the ratios have told already
+        other = _twists(_exchange(log, i, j), arm, channels, [i, j])
+        better = math.sqrt(own[i] * own[j] / (other[i] * other[j]))
+        if better > _BETTER:
+            sentence = (
+                f"joints {i} and {j} twist as the robot file has it of each other (exchanged they fit {better:.1f} "
+                "times better): all columns of one are logged as the other's; exchange their 'from' in columns.toml, "
+                "or the joints in the robot file."
+            )
+            findings += [Finding(Severity.REFUSE, "swapped", joint, sentence) for joint in (i, j)]
+    return findings
+
+
+def _finding(name: str, joint: int, found: float, channel: Channel) -> Finding:
+    """What a scale that cannot be is taken for."""
+    times = f"{name} asks for {found:.3g} times the inertia of joint {joint} in the robot file"
+    milli = {name: {"unit": "mA"}}
+    if "current" in name and 1000 / _MILLI < found < 1000 * _MILLI:
+        sentence = f"{times} (it reaches {max(abs(channel.low), abs(channel.high)):.4g}): mA; set {in_words(milli)} in "
+        return Finding(Severity.REFUSE, "milliamperes", joint, f"{sentence}columns.toml.", milli)
+    if found < 0:
+        sentence = f"{times}, which is below zero: a sign is reversed; set sign = -1 under [{name}] or the positions."
+        return Finding(Severity.REFUSE, "reversed", joint, sentence)
+    sentence = f"{times}: the file of another robot, or a unit of {name} or of the positions to give in columns.toml."
+    return Finding(Severity.REFUSE, "inertia", joint, sentence)
+
+
+def _ratios(arm: Arm) -> tuple[float, ...]:
+    return tuple(arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1))
+
+
+def _joint_torque(log: Log, arm: Arm, moving: Motion) -> np.ndarray:
+    """Torque that the model has the joints carry along the motion (T, n), N m at the joint; friction is not in it."""
+    q, v, a = (np.zeros((len(moving.grid.time), arm.n)) for _ in range(3))
+    for one, joint in enumerate(moving.joints):
+        q[:, joint - 1], v[:, joint - 1] = moving.position[one], moving.velocity[one]
+        a[:, joint - 1] = moving.acceleration[one]
+    for j in set(range(1, arm.n + 1)) - set(moving.joints):  # it is held somewhere
+        position, ratio = f"joint_position_{j}", arm.parameters[f"ratio_{j}"]
+        q[:, j - 1] = np.mean(log[position]) if position in log else np.mean(log[f"motor_position_{j}"]) / ratio
+    zero = np.zeros(len(log))
+    force = [moving.grid.smooth(log.columns.get(name, zero)) for name in ("tip_force_x", "tip_force_y")]
+    return arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=np.stack(force, 1))["joint_torque"]
+
+
+def _terms(moving: Motion, one: int, *first: np.ndarray) -> np.ndarray:
+    """``first``, then viscous and dry friction, a constant and a spring: (rows, terms), one row a smoothing window."""
+    velocity = moving.velocity[one]
+    slow = max(0.05 * float(np.quantile(np.abs(velocity), 0.9)), 1e-12)
+    rest = (velocity, np.tanh(velocity / slow), np.ones_like(velocity), moving.position[one])
+    return np.stack([*first, *rest], 1)[:: moving.grid.width]
+
+
+def _between(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Bounds of the coefficient of the first term where both it and ``values`` have errors, the other terms free: that
+    of ``values`` over it, and the inverse of that of it over ``values``; NaN where neither says anything.
+
+    Source: Frisch, Statistical Confluence Analysis by Means of Complete Regression Systems (1934).
+    """
+    other = terms[:, 1:] / np.maximum(np.abs(terms[:, 1:]).max(0), 1e-300)
+    x, y = (part - other @ np.linalg.lstsq(other, part, rcond=1e-10)[0] for part in (terms[:, 0], values))
+    xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
+    if xy == 0 or xy**2 < _CORRELATED**2 * xx * yy:
+        return math.nan, math.nan
+    return tuple(sorted((xy / xx, yy / xy)))  # type: ignore[return-value]
+
+
+def _twists(log: Log, arm: Arm, channels: Mapping[str, Channel], joints: list[int]) -> dict[int, float]:
+    """Root mean square of what the model's torque, a stiffening spring, friction, a time skew and an eccentric encoder
+    leave of each joint's torsion, rad."""
+    moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
+    torque = _joint_torque(log, arm, moving)
+    found = {}
+    for joint in joints:
+        one = moving.joints.index(joint)
+        twist = log[f"motor_position_{joint}"] / arm.parameters[f"ratio_{joint}"] - log[f"joint_position_{joint}"]
+        carried, angle = torque[:, joint - 1], moving.position[one]
+        bend = np.arctan(carried / max(float(np.std(carried)), 1e-12))
+        terms = _terms(moving, one, carried, bend, np.sin(angle), np.cos(angle))
+        size = np.maximum(np.abs(terms).max(0), 1e-300)
+        values = moving.grid.smooth(twist)[:: moving.grid.width]
+        left = values - terms / size @ np.linalg.lstsq(terms / size, values, rcond=1e-9)[0]
+        found[joint] = max(float(np.sqrt(np.mean(left**2))), 1e-300)
+    return found
+
+
+def _exchange(log: Log, i: int, j: int) -> Log:
+    """The log with the columns of joints i and j exchanged."""
+    other = {str(i): str(j), str(j): str(i)}
+    columns = {}
+    for name, values in log.columns.items():
+        base, _, number = name.rpartition("_")
+        columns[f"{base}_{other[number]}" if number in other else name] = values
+    return Log(log.time, columns, log.n_joints, log.source)
