@@ -7,15 +7,25 @@ import json
 import os
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hdagen.fleet import Result
 
 EXAMPLE = """example:
   hdagen diagnose robot.toml log.parquet
   hdagen diagnose robot.toml log.parquet --hold-out other.parquet --out diagnosis-log
+  hdagen diagnose --fleet fleet.toml
 
-writes diagnosis.json and report.html; `hdagen replay --with` and `hdagen adopt` take the former.
+writes diagnosis.json and report.html; `hdagen replay --with` and `hdagen adopt` take the former. With --fleet: a folder
+for each [[machine]] of fleet.toml, fleet.json and fleet.html.
 exit codes: 0 done, 2 usage or configuration, 3 data unusable; docs/diagnosis.md says how it decides"""
+DONE, USAGE, UNUSABLE = 0, 2, 3
+THREADS = 2  # that one diagnosis keeps busy
 
 
 def add_parser(commands: Any) -> None:
@@ -28,25 +38,60 @@ def add_parser(commands: Any) -> None:
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("robot", help="a preset or a robot.toml")
-    p.add_argument("log", type=Path, metavar="LOG", help=".csv, .parquet or .mat")
+    p.add_argument("robot", nargs="?", help="a preset or a robot.toml")
+    p.add_argument("log", nargs="?", type=Path, metavar="LOG", help=".csv, .parquet or .mat")
     p.add_argument("--columns", type=Path, metavar="columns.toml", help="names, units and signs of a foreign log")
     p.add_argument("--hold-out", type=Path, metavar="LOG", help="another motion of the same machine")
-    p.add_argument("--out", type=Path, metavar="DIR", help="default: ./diagnosis-<log>")
+    p.add_argument("--out", type=Path, metavar="DIR", help="default: ./diagnosis-<log or fleet>")
+    p.add_argument("--fleet", type=Path, metavar="fleet.toml", help="many logs, a [[machine]] with robot and log each")
+    p.add_argument(
+        "--jobs", type=int, metavar="J", help="machines of a fleet at the same time (default: half the cores)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Diagnose, write, print."""
-    from hdagen.diagnosis import report
-    from hdagen.diagnosis.diagnose import diagnose
-    from hdagen.log import LogError, read
+    _check(options)
+    return _fleet(options) if options.fleet else _one(options)
+
+
+def _check(options: argparse.Namespace) -> None:
+    """What the options say that cannot be. Raises PlantError."""
     from hdagen.plant import PlantError
 
-    out = options.out or Path(f"diagnosis-{options.log.stem}")
+    problems = []
+    if options.fleet is None:
+        if options.robot is None or options.log is None:
+            problems.append("give a robot file and a log, or --fleet fleet.toml.")
+        if options.jobs is not None:
+            problems.append("--jobs: goes with --fleet only.")
+    else:
+        given = [name for name in ("robot", "columns", "hold_out") if getattr(options, name) is not None]
+        if given:
+            problems.append(f"--fleet: {', '.join(given)} stands in fleet.toml, by machine; leave it out here.")
+        if options.jobs is not None and options.jobs < 1:
+            problems.append(f"--jobs {options.jobs}: possible is a whole number from 1 on.")
+    if problems:
+        raise PlantError("\n".join(problems))
+
+
+def _folder(out: Path) -> Path:
+    """``out``, made. Raises PlantError."""
+    from hdagen.plant import PlantError
+
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlantError(f"--out {out}: cannot be made ({error.strerror}); name another folder.") from None
+    return out
+
+
+def _one(options: argparse.Namespace) -> int:
+    from hdagen.diagnosis import report
+    from hdagen.diagnosis.diagnose import diagnose
+    from hdagen.log import LogError, read
+
+    out = _folder(options.out or Path(f"diagnosis-{options.log.stem}"))
     try:
         log = read(options.log, columns=options.columns, holes=True)
         held = read(options.hold_out, columns=options.columns, holes=True) if options.hold_out else None
@@ -61,6 +106,50 @@ def run(options: argparse.Namespace) -> int:
     print(report.sentence(found.content))
     print(out / "report.html")
     return 0
+
+
+def _fleet(options: argparse.Namespace) -> int:
+    """All machines, the table, and the page; what an interrupt leaves is written, too."""
+    from rich.console import Console
+
+    from hdagen import fleet, fleet_page
+
+    machines = fleet.read(options.fleet)
+    out = _folder(options.out or Path(f"diagnosis-{options.fleet.stem}"))
+    jobs = options.jobs or max((os.cpu_count() or 1) // THREADS, 1)
+    begun = time.monotonic()
+    results, interrupted = fleet.diagnose(
+        machines, out, jobs, lambda words: print(f"{time.monotonic() - begun:5.0f} s  {words}", file=sys.stderr)
+    )
+    fleet.write(out / "fleet.json", fleet.summary(results))
+    fleet_page.write(out / "fleet.html", options.fleet, results)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console.print(_table(results))
+    console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)
+    console.print(out / "fleet.html", soft_wrap=True)
+    if interrupted:
+        raise KeyboardInterrupt
+    ended = {one.status for one in results}
+    return USAGE if fleet.Status.FAILED in ended else UNUSABLE if fleet.Status.REFUSED in ended else DONE
+
+
+def _table(results: Sequence[Result]) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from hdagen.fleet_page import HEADINGS, cells
+
+    table = Table()
+    for heading in (*HEADINGS, "s"):
+        table.add_column(heading, justify="left" if heading in HEADINGS[:2] else "right", overflow="fold")
+    for one in results:
+        name, what, probability, sure, *gap = cells(one)
+        said = f"{what}: {one.says[0]}" if one.says else what
+        numbers = ["" if value is None else f"{value:.3g}" for value in (probability, *gap)]
+        known = "" if sure is None else "yes" if sure else "no"
+        took = "kept" if one.kept else f"{one.seconds:.0f}" if one.seconds else ""
+        table.add_row(escape(str(name)), escape(str(said)), numbers[0], known, *numbers[1:], took)
+    return table
 
 
 def _write(path: Path, text: str) -> None:

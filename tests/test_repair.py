@@ -16,6 +16,7 @@ from damage import LESSENED, MENDED, REFUSED, changed, cut, dropped, holes, kept
 from real_examples import EXAMPLES, recorded, run
 from replayed import FLEXIBLE, NOISE, simulated
 
+from hdagen.diagnosis.record import record
 from hdagen.log import Log, LogError, read, write
 from hdagen.plant import Arm
 from hdagen.repair import prepared, repair, segments
@@ -205,6 +206,17 @@ def test_segments_are_cut_where_rows_are_missing_for_long(good: Log, arm: Arm) -
     parts[200:2700] = False  # 0.5 s are left
     with pytest.raises(LogError, match="without its gaps"):
         repair(kept(good, parts), arm)
+
+
+def test_no_window_of_a_fit_reaches_over_a_long_gap(good: Log, arm: Arm) -> None:
+    rows = np.ones(len(good), bool)
+    rows[1010:1050] = False  # begins and ends within windows
+    rows[2003:2005] = False
+    log = kept(good, rows)
+    seen = record(arm, log, 0.05)
+    spans = [np.diff(log.time[a:b]).max() for a, b in zip(seen.starts, seen.ends, strict=True)]
+    assert max(spans) < 0.0035 and len(spans) > 50
+    assert 1010 in seen.starts  # the first row after the gap
 
 
 def test_a_file_with_holes_is_read_for_repair_and_refused_otherwise(good: Log, arm: Arm, tmp_path: Path) -> None:

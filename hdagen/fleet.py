@@ -1,0 +1,349 @@
+"""Many logs of many machines: what a fleet.toml asks for, diagnosed by processes of their own, kept where finished.
+
+A machine is diagnosed by `hdagen diagnose` as a user would start it, in a folder of its own. Its machine.json comes
+last and holds the hash of all that went in: a machine with the same hash is finished and is not diagnosed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from hdagen import __version__
+from hdagen.plant import PlantError
+from hdagen.whole import whole
+
+DIAGNOSE = (sys.executable, "-P", "-m", "hdagen", "diagnose")
+SCHEMA = 1
+_REQUIRED, _OPTIONAL = ("robot", "log"), ("hold_out", "columns", "name")
+_LARGEST = 1_000_000  # bytes of a fleet.toml
+_NAME = re.compile(r"\w[\w -]{0,59}")  # it is a folder, too
+_PRESET = re.compile(r"[a-z][a-z0-9_]*")
+_PROGRESS = re.compile(r"\s*[\d.]+ s  |building ")  # what the command says on its way
+_UNUSABLE = 3  # exit code of a log that is refused
+_LONGEST = 3600.0  # s that one machine may take
+_LOOK = 0.05  # s between looks at whether to stop
+
+
+class Status(Enum):
+    """How a machine ended."""
+
+    DIAGNOSED = "diagnosed"
+    REFUSED = "refused"  # its log cannot carry a diagnosis
+    FAILED = "failed"  # its robot file cannot be built, or the program broke; tried again the next time
+    NOT_RUN = "not run"  # interrupted before it was finished
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A log and what is needed to diagnose it; ``robot`` is a preset or a path."""
+
+    name: str
+    robot: str
+    log: Path
+    hold_out: Path | None
+    columns: Path | None
+
+    def digest(self) -> str:
+        """The hash of what the files hold, wherever they lie, and of this version."""
+        robot = Path(self.robot)
+        build = robot / "manifest.json"  # of a folder that holds a build
+        parts = {
+            "version": __version__,
+            "robot": _digest(build if build.is_file() else robot) if robot.exists() else self.robot,
+            **{key: _digest(path) if path else None for key, path in self._files().items()},
+        }
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+    def _files(self) -> dict[str, Path | None]:
+        return {"log": self.log, "hold_out": self.hold_out, "columns": self.columns}
+
+    def arguments(self, out: Path) -> list[str]:
+        """What `hdagen diagnose` is to be told."""
+        told = ["--out", str(out)]
+        told += ["--hold-out", str(self.hold_out)] if self.hold_out else []
+        told += ["--columns", str(self.columns)] if self.columns else []
+        return [*told, "--", self.robot, str(self.log)]
+
+
+@dataclass(frozen=True)
+class Result:
+    """How ``machine`` ended, in ``seconds``; ``kept`` from an earlier run.
+
+    ``says``: its sentences where there is no ``diagnosis``, which is what diagnosis.json holds.
+    """
+
+    machine: Machine
+    status: Status
+    seconds: float = 0.0
+    kept: bool = False
+    says: tuple[str, ...] = ()
+    diagnosis: Mapping[str, Any] | None = None
+
+    @property
+    def probability(self) -> float | None:
+        """That of the verdict, as far as it was tried as one hypothesis."""
+        if self.diagnosis is None:
+            return None
+        verdict = self.diagnosis["verdict"]
+        return next((float(h["probability"]) for h in self.diagnosis["hypotheses"] if h["effects"] == verdict), None)
+
+
+def read(path: Path) -> tuple[Machine, ...]:
+    """The machines of a fleet.toml; paths are taken from its folder. Raises PlantError with every problem."""
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise PlantError(f"{path}: larger than {_LARGEST} bytes, no fleet.toml is; name one.")
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise PlantError(f"{path}: cannot be read ({error.strerror}); give the path of a fleet.toml.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise PlantError(f"{path}: is no TOML file ({error}); correct it there.") from None
+    problems = [
+        f"{path}: unknown key {key[:40]!r}; possible is [[machine]], one a log." for key in content if key != "machine"
+    ]
+    entries = content.get("machine")
+    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
+        problems.append(f"{path}: there is no [[machine]]; write one with robot and log for each log.")
+        raise PlantError("\n".join(problems))
+    machines = [_machine(f"{path}: machine {k}", path.parent, entry, problems) for k, entry in enumerate(entries, 1)]
+    names = Counter(machine.name.casefold() for machine in machines if machine)
+    problems += [
+        f'{path}: {count} machines are named {name!r}; tell them apart with name = "…".'
+        for name, count in names.items()
+        if count > 1
+    ]
+    if problems:
+        raise PlantError("\n".join(problems))
+    return tuple(machine for machine in machines if machine)
+
+
+def _machine(where: str, folder: Path, entry: Mapping[str, Any], problems: list[str]) -> Machine | None:
+    """One [[machine]], or None with what is wrong appended to ``problems``."""
+    possible = ", ".join(_REQUIRED + _OPTIONAL)
+    wrong = [
+        f"{where}: unknown key {key[:40]!r}; possible are {possible}."
+        for key in entry
+        if key not in possible.split(", ")
+    ]
+    wrong += [f"{where}: {key} is missing; state it." for key in _REQUIRED if key not in entry]
+    text = {key: value for key, value in entry.items() if isinstance(value, str) and value and "\0" not in value}
+    wrong += [
+        f"{where}: {key} = {value!r:.60}; it must be text in quotes."
+        for key, value in entry.items()
+        if key in _REQUIRED + _OPTIONAL and key not in text
+    ]
+    paths = {key: (folder / text[key]).absolute() for key in ("log", "hold_out", "columns") if key in text}
+    wrong += [
+        f"{where}: {key} = {text[key]!r}: there is no such file." for key, path in paths.items() if not path.is_file()
+    ]
+    robot = text.get("robot", "")
+    if robot and ((folder / robot).is_file() or (folder / robot / "manifest.json").is_file()):
+        robot = str((folder / robot).absolute())
+    elif robot and not _PRESET.fullmatch(robot):
+        wrong.append(f"{where}: robot = {robot!r}: there is no such file, and it is no preset's name.")
+    name = text.get("name", re.sub(r"[^\w -]", "_", paths["log"].stem)[:60] if "log" in paths else "")
+    if name and not _NAME.fullmatch(name):
+        wrong.append(f"{where}: name = {name[:70]!r}; possible are up to 60 letters, digits, spaces, _ and -.")
+    problems += wrong
+    if wrong:
+        return None
+    return Machine(name, robot, paths["log"], paths.get("hold_out"), paths.get("columns"))
+
+
+def diagnose(
+    machines: Sequence[Machine],
+    out: Path,
+    jobs: int,
+    say: Callable[[str], None],
+    command: Sequence[str] = DIAGNOSE,
+) -> tuple[list[Result], bool]:
+    """Diagnose those of ``machines`` that are not finished in ``out``, ``jobs`` at once.
+
+    Results in the order of ``machines``, and whether it was interrupted: what was finished is then whole and the rest
+    is not run. ``command`` is what diagnoses one machine, as `hdagen diagnose` does.
+    """
+    results = {m.name: Result(m, Status.NOT_RUN) for m in machines}
+    for machine in machines:
+        if (kept := _kept(machine, out / machine.name)) is not None:
+            results[machine.name] = kept
+            say(f"{machine.name}: {kept.status.value} before, kept")
+    todo = [m for m in machines if results[m.name].status is Status.NOT_RUN]
+    stop, begun, interrupted = threading.Event(), time.monotonic(), False
+    pool = ThreadPoolExecutor(max(jobs, 1))
+    futures = [pool.submit(_run, m, out / m.name, command, stop) for m in todo]
+    waiting: set[Future[Result]] = set(futures)
+    try:
+        while waiting:
+            ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            done = len(todo) - len(waiting)
+            left = (time.monotonic() - begun) / done * len(waiting)
+            names = ", ".join(f"{f.result().machine.name}: {f.result().status.value}" for f in ended)
+            say(f"{names}; {done} of {len(todo)}, about {left:.0f} s left")
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        stop.set()
+        pool.shutdown(wait=True, cancel_futures=True)
+    for future in futures:
+        if not future.cancelled():
+            results[future.result().machine.name] = future.result()
+    return [results[m.name] for m in machines], interrupted
+
+
+def _kept(machine: Machine, folder: Path) -> Result | None:
+    """What an earlier run found from the same files, if it finished."""
+    try:
+        found = json.loads((folder / "machine.json").read_text(encoding="utf-8"))
+        if found["inputs"] != machine.digest():
+            return None
+        status = {"diagnosed": Status.DIAGNOSED, "refused": Status.REFUSED}[found["status"]]
+        diagnosis = _diagnosis(folder) if status is Status.DIAGNOSED else None
+        return Result(machine, status, float(found["seconds"]), True, tuple(map(str, found["says"])), diagnosis)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _diagnosis(folder: Path) -> dict[str, Any]:
+    """What the diagnosis.json in ``folder`` holds. Raises OSError, ValueError."""
+    found = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+    if (
+        not isinstance(found, dict)
+        or found.get("schema") != SCHEMA
+        or not {"verdict", "hypotheses", "gap"} <= found.keys()
+    ):
+        raise ValueError(f"{folder / 'diagnosis.json'}: is no diagnosis of schema {SCHEMA}")
+    return found
+
+
+def _run(machine: Machine, folder: Path, command: Sequence[str], stop: threading.Event) -> Result:
+    """Diagnose one machine by a process of its own; not run where ``stop`` is set on the way."""
+    if stop.is_set():
+        return Result(machine, Status.NOT_RUN)
+    try:
+        return _diagnosed(machine, folder, command, stop)
+    except OSError as error:
+        return Result(machine, Status.FAILED, says=(f"{error.filename}: {error.strerror}.",))
+
+
+def _diagnosed(machine: Machine, folder: Path, command: Sequence[str], stop: threading.Event) -> Result:
+    inputs, begun = machine.digest(), time.monotonic()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("machine.json", "diagnosis.json", "report.html"):
+        (folder / name).unlink(missing_ok=True)
+    with (folder / "said.txt").open("w+", encoding="utf-8", errors="replace") as said:
+        code = _waited([*command, *machine.arguments(folder)], said.fileno(), stop)
+        said.seek(0)
+        lines = [line.strip() for line in said if line.strip() and not _PROGRESS.match(line)]
+    if code is None and stop.is_set():
+        return Result(machine, Status.NOT_RUN)
+    seconds = time.monotonic() - begun
+    status, says, diagnosis = _ended(code, lines, folder)
+    if status is not Status.FAILED:
+        kept = {"inputs": inputs, "status": status.value, "seconds": seconds, "says": list(says)}
+        write(folder / "machine.json", kept)
+    return Result(machine, status, seconds, False, says, diagnosis)
+
+
+def _ended(code: int | None, lines: list[str], folder: Path) -> tuple[Status, tuple[str, ...], dict[str, Any] | None]:
+    """Status, sentences and diagnosis of a process that ended with ``code``, None where it took too long."""
+    if code is None:
+        return Status.FAILED, (f"it was stopped after {_LONGEST:g} s.",), None
+    if code == _UNUSABLE:
+        return Status.REFUSED, tuple(lines), None
+    if code:
+        return Status.FAILED, tuple(lines[-5:]) or (f"it ended with exit code {code} and without a word.",), None
+    try:
+        return Status.DIAGNOSED, (), _diagnosis(folder)
+    except (OSError, ValueError) as error:
+        return Status.FAILED, (f"it left no diagnosis.json that can be read ({error}).",), None
+
+
+def _waited(command: Sequence[str], said: int, stop: threading.Event) -> int | None:
+    """The exit code of ``command``, what it prints in the file ``said``; None where it was stopped or took too long.
+
+    Its own session: an interrupt from the keyboard reaches it through ``stop`` only, with all its children.
+    """
+    beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH"))))
+    child = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=said,
+        stderr=said,
+        env={**os.environ, "PYTHONPATH": beside},
+        start_new_session=True,
+    )
+    begun = time.monotonic()
+    try:
+        while not stop.is_set() and time.monotonic() - begun < _LONGEST:
+            try:
+                return child.wait(_LOOK)
+            except subprocess.TimeoutExpired:
+                continue
+        return None
+    finally:
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+
+
+def summary(results: Sequence[Result]) -> dict[str, Any]:
+    """What fleet.json holds; the same results give the same content."""
+    effects: dict[str, list[str]] = {}
+    for one in results:
+        for effect in one.diagnosis["verdict"] if one.diagnosis else ():
+            effects.setdefault(effect, []).append(one.machine.name)
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "counts": {status.value: sum(one.status is status for one in results) for status in Status},
+        "effects": dict(sorted(effects.items(), key=lambda item: (-len(item[1]), item[0]))),
+        "machines": [_row(one) for one in results],
+    }
+
+
+def _row(one: Result) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "name": one.machine.name,
+        "robot": one.machine.robot,
+        "log": str(one.machine.log),
+        "status": one.status.value,
+        "says": list(one.says),
+    }
+    if one.diagnosis is None:
+        return row
+    return row | {
+        "verdict": one.diagnosis["verdict"],
+        "sure": one.diagnosis["sure"],
+        "probability": one.probability,
+        "gap": {when: one.diagnosis["gap"].get(when) for when in ("before", "after", "floor", "shrink")},
+        "repaired": [repair["what"] for repair in one.diagnosis.get("data", {}).get("repaired", [])],
+        "warnings": one.diagnosis.get("data", {}).get("warnings", []),
+        "folder": one.machine.name,
+    }
+
+
+def write(path: Path, content: Mapping[str, Any]) -> None:
+    """``content`` as JSON, whole or not at all."""
+    with whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()):
+        pass
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
