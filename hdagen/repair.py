@@ -88,8 +88,10 @@ def prepared(arm: Arm, log: Log, hold_out: Log | None) -> tuple[Log, Log | None,
             problems += error.problems
     if problems:
         raise LogError(problems)
-    seen = look(done[0][0], arm.robot).data()
+    first = look(done[0][0], arm.robot)
+    seen = first.data()
     said = {name: seen[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
+    said["skews"] = [f.sentence for f in first.findings if f.name == "skew"]
     said["warnings"] = list(dict.fromkeys(s for one, _ in done for s in look(one, arm.robot).warnings))
     said["repaired"] = [
         {"log": one.source, "name": each.name, "joint": each.joint, "what": each.sentence}
@@ -138,7 +140,7 @@ def _suspicions(log: Log, arm: Arm, seen: Triage) -> list[Finding]:
     findings = list(seen.findings)
     if any(f.severity is Severity.REFUSE for f in findings):
         return findings
-    findings += against_model.exchanged(log, arm)
+    findings += against_model.driven(log, arm) + against_model.exchanged(log, arm)
     if any(f.severity is Severity.REFUSE for f in findings):
         return findings
     return findings + against_model.scale(log, arm)

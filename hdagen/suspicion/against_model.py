@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from hdagen.channels import Channel, describe
+from hdagen.channels import Channel, describe, even
 from hdagen.log import Log
 from hdagen.plant import Arm
 from hdagen.suspicion.effort import Motion, motion
@@ -23,6 +24,8 @@ from hdagen.suspicion.inputs import INPUTS
 _SCALE = 3.0  # times the inertia of the robot file that an effect can make of it: torque constant, payload, wrong mass
 _CORRELATED = 0.3  # of input and inertial torque, below which they say nothing of each other
 _MILLI = 3.0  # factor about 1000 within which a scale is taken for thousandths
+_ALONE = 2.0  # times what moves a joint without its drive, from which there must have been a drive
+_HELD = 3.0  # times its dry friction that a joint cannot withstand
 _BETTER = 1.5  # how much better exchanged joints must explain the torsion
 
 
@@ -49,6 +52,30 @@ def scale(log: Log, arm: Arm) -> list[Finding]:
     return findings
 
 
+def driven(log: Log, arm: Arm) -> list[Finding]:
+    """Joints that move as only a drive can move them, and whose inputs stay at one value; and joints whose encoders
+    stay at one value under an input that their friction could not hold."""
+    channels = {name: describe(name, values) for name, values in log.columns.items()}
+    moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
+    torque = _joint_torque(log, arm, moving)
+    findings = []
+    for joint in range(1, arm.n + 1):
+        inputs = [name for base in INPUTS if (name := f"{base}_{joint}") in channels]
+        encoders = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in channels]
+        if joint in moving.joints and inputs and all(channels[name].constant for name in inputs):
+            times = _alone(log, arm, moving, joint, torque)
+            if times > _ALONE:
+                sentence = (
+                    f"{inputs[0]} stays at {channels[inputs[0]].low:.5g} while joint {joint} moves as only its drive "
+                    f"can move it (its inertia takes {times:.3g} times what weight and the other joints give): the "
+                    "input was not recorded; record the current or torque that drives it."
+                )
+                findings.append(Finding(Severity.REFUSE, "still", joint, sentence))
+        elif encoders and all(channels[name].constant for name in encoders):
+            findings += _withstood(log, arm, channels, joint, inputs, encoders[0], torque)
+    return findings
+
+
 def exchanged(log: Log, arm: Arm) -> list[Finding]:
     """Pairs of joints whose torsions are explained by the model once the two are exchanged, and not as they are."""
     channels = {name: describe(name, values) for name, values in log.columns.items()}
@@ -72,6 +99,45 @@ def exchanged(log: Log, arm: Arm) -> list[Finding]:
             )
             findings += [Finding(Severity.REFUSE, "swapped", joint, sentence) for joint in (i, j)]
     return findings
+
+
+def _alone(log: Log, arm: Arm, moving: Motion, joint: int, torque: np.ndarray) -> float:
+    """The torque that a joint's own acceleration takes, in multiples of what its weight, the other joints' motion and
+    the tip force give: at most 1 where nothing else moves it, for friction only brakes."""
+    one, p = moving.joints.index(joint), arm.parameters
+    ratio, still = p[f"ratio_{joint}"], np.zeros_like(moving.velocity)
+    own = still.copy()
+    own[one] = moving.acceleration[one]
+    rotor = p[f"motor_inertia_{joint}"] * ratio * moving.acceleration[one]
+    weight, inertia = (
+        _joint_torque(log, arm, replace(moving, velocity=still, acceleration=a))[:, joint - 1] / ratio
+        for a in (still, own)
+    )
+    inertia += rotor - weight
+    given = torque[:, joint - 1] / ratio + rotor - inertia
+    return float(np.sqrt(np.mean(inertia**2)) / max(np.std(given), 1e-300))
+
+
+def _withstood(
+    log: Log, arm: Arm, channels: Mapping[str, Channel], joint: int, inputs: list[str], encoder: str, torque: np.ndarray
+) -> list[Finding]:
+    """A finding where a joint that is said not to move is pushed by far more than its friction in the robot file."""
+    p = arm.parameters
+    friction = p[f"coulomb_friction_{joint}"]
+    name = next((name for name in inputs if not channels[name].constant), None)
+    if name is None or friction <= 0:
+        return []
+    unit = p[f"torque_constant_{joint}"] if "current" in name and f"torque_constant_{joint}" in p else 1.0
+    carried = np.interp(log.time, even(log.time).time, torque[:, joint - 1]) / p[f"ratio_{joint}"]
+    pushed = float(np.quantile(np.abs(unit * log[name] - carried), 0.95)) / friction
+    if pushed < _HELD:
+        return []
+    sentence = (
+        f"{encoder} stays at {channels[encoder].low:.5g} while {name} pushes the joint with {pushed:.2g} times the dry "
+        "friction of the robot file: the encoder is not read, or a brake holds the joint; repair that, or take a robot "
+        "file without the joint."
+    )
+    return [Finding(Severity.REFUSE, "still", joint, sentence)]
 
 
 def _finding(name: str, joint: int, found: float, channel: Channel) -> Finding:

@@ -42,7 +42,7 @@ def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
                 _unread(channels[name], f"{driven[0]} does not", joint) for name in inputs if name not in driven
             ]
         elif inputs:
-            findings.append(_driven_by_nothing([channels[name] for name in inputs], joint, log.n_joints))
+            findings.append(_driven_by_nothing([channels[name] for name in inputs], joint))
     return findings
 
 
@@ -64,13 +64,14 @@ def _unread(channel: Channel, other: str, joint: int) -> Finding:
     return Finding(Severity.REFUSE, "still", joint, sentence)
 
 
-def _driven_by_nothing(inputs: list[Channel], joint: int, joints: int) -> Finding:
-    """A joint that moves and whose input does not: pulled along by the others or fallen, else not recorded. What is
-    measured has noise, so a measurement that stays at one value is none."""
+def _driven_by_nothing(inputs: list[Channel], joint: int) -> Finding:
+    """A joint that moves and whose input does not: pulled along by the others, falling or running out, else not
+    recorded; the robot's model tells (`against_model.driven`). What is measured has noise, so a measurement that stays
+    at one value is none."""
     constant = [c for c in inputs if c.constant]
     channel = next((c for c in constant if "_command_" not in c.name), constant[0])
     says = f"{channel.name} stays at {channel.low:.5g} while joint {joint} moves"
-    if joints > 1 and channel.low == 0.0 and "_command_" in channel.name:
+    if channel.low == 0.0 and "_command_" in channel.name:
         sentence = f"{says}: a passive joint, or an input that was not recorded; if it was driven, record its input."
         return Finding(Severity.WARN, "still", joint, sentence)
     sentence = f"{says}: the input was not recorded; record the current or torque that drives it."
