@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from gen.stability import Examination
 
 HERE = Path(__file__).parent
+OBJECTS = ".objects"  # beside the builds: what robots of the same structure share
 PART = ".part-"  # begins the names of folders that are being made or thrown away
 DAMAGE = (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError)  # of a manifest that is not ours
 
@@ -172,7 +173,8 @@ def _make(made: Library, effects: tuple[Effect, ...], profile: str, folder: Path
         part.mkdir()
         for file, text in files.items():
             (part / file).write_text(text, encoding="utf-8", newline="\n")
-        compiler.library(part, sorted(f for f in files if f.endswith(".c") and f != "example.c"), profile, library)
+        compiled = sorted(f for f in files if f.endswith(".c") and f != "example.c")
+        compiler.library(part, compiled, profile, library, folder.parent / OBJECTS)
         manifest = json.loads(files["manifest.json"])
         manifest["files"] = {f.name: _hash(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
         manifest["seal"] = seal(manifest)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from gen import objects
+
 PROFILES = {
     "portable": ("-O2", "-ffp-contract=off"),
     "native": ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"),
@@ -98,22 +100,41 @@ def flags(profile: str) -> tuple[str, ...]:
     return (*COMMON, *PROFILES[profile])
 
 
-def library(folder: Path, sources: list[str], profile: str, name: str) -> None:
-    """Compile the sources in folder, two at a time, and link them into folder/name; objects are removed."""
+def library(folder: Path, sources: list[str], profile: str, name: str, kept: Path) -> None:
+    """Compile the sources in folder, two at a time, and link them into folder/name; objects are removed.
+
+    What was compiled before, for a robot of the same structure, is taken from the folder ``kept``.
+    """
     compiler = find()
-    objects = [source.removesuffix(".c") + ".o" for source in sources]
-    start = (*compiler.command, *flags(profile))
-    jobs = [((*start, "-c", source, "-o", o), folder / o) for source, o in zip(sources, objects, strict=True)]
+    made = [source.replace(".c", ".o") for source in sources]
     pool = ThreadPoolExecutor(max_workers=2)
     try:
-        for done in [pool.submit(_run, *job) for job in jobs]:
+        for done in [pool.submit(_object, folder, source, profile, kept) for source in sources]:
             done.result()
     finally:
         pool.shutdown(cancel_futures=True)  # after an error or an interrupt nothing more is begun
     shared = ("-dynamiclib", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
-    _run((*compiler.command, *shared, "-o", name, *objects, "-lm"), folder / name)
-    for o in objects:
+    _run((*compiler.command, *shared, "-o", name, *made, "-lm"), folder / name)
+    for o in made:
         (folder / o).unlink()
+
+
+def _object(folder: Path, source: str, profile: str, kept: Path) -> None:
+    """The object of one source in folder, as kept or compiled and then kept."""
+    compiler = find()
+    start = (*compiler.command, *flags(profile))
+    plain = folder / source.replace(".c", ".i")
+    _run((*start, "-E", "-P", source, "-o", plain.name), plain)
+    processor = " ".join(cpu_flags()) if profile == "native" else ""
+    name = objects.key(plain.read_bytes(), start, f"{compiler.version} {processor}")
+    plain.unlink()
+    made = folder / source.replace(".c", ".o")
+    content = objects.fetch(kept, name)
+    if content is not None:
+        made.write_bytes(content)
+        return
+    _run((*start, "-c", source, "-o", made.name), made)
+    objects.keep(kept, name, made.read_bytes())
 
 
 def plain_library(folder: Path, sources: list[str], name: str) -> None:

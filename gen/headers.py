@@ -38,6 +38,7 @@ def sizes(model: Model, c: int, build: str, lanes: bool) -> str:
     defines: dict[str, Any] = {
         "HDA_N": model.n,
         "HDA_NX": len(model.x_slots),
+        "HDA_MECHANICAL": 2 * (model.n + len(model.flexible)),
         "HDA_NU": len(model.u_slots),
         "HDA_NP": len(model.quantities),
         "HDA_NC": c,

@@ -22,6 +22,8 @@ MOTOR = (
     "torsional_damping",
     "law_torque",
 )
+DISSIPATING = ("viscous_friction", "coulomb_friction", "torsional_damping")
+LOSSES = 20.0  # times the nominal that a drive may lose when cold, worn or badly greased
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ def parameters(robot: Robot) -> tuple[ParameterValue, ...]:
 
     What a drive does not have (springs if rigid, a torque constant if its input is torque) is left out.
     Bounds: from a third of the nominal to three times it, or as far from 0 as the key's ``width`` where it is 0,
-    within the physical range; a lumped inertia may be negative; a prismatic joint's length is 0.
+    within the physical range; what dissipates from nothing to LOSSES times the nominal, as it ages and warms up; a
+    lumped inertia may be negative; a prismatic joint's length is 0.
     """
     gravity = keys("")["gravity"]
     values = [
@@ -69,5 +72,7 @@ def _bounds(key: Key, kind: str, nominal: float) -> tuple[float, float]:
     if key.name == "length" and kind == "prismatic":
         return 0.0, 0.0
     least = -key.range.high if key.name == "inertia" and nominal < 0 else key.range.low
+    if nominal and key.name in DISSIPATING:
+        return 0.0, min(LOSSES * nominal, key.range.high)
     low, high = sorted((nominal / 3, nominal * 3)) if nominal else (-key.width, key.width)
     return max(low, least), min(high, key.range.high)

@@ -236,6 +236,23 @@ class Arm:
         self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._size(most), 1, x)
         return x
 
+    def windows(
+        self, begun: ArrayLike, edges: ArrayLike, u: Array, dt: Array, most: float, limit: Array, jump: Array | None
+    ) -> Array:
+        """States (R, nx) in the rows of windows that each begin anew, set-valued friction.
+
+        Window w is the rows edges[w] = (first, end) of u (T, nu) and begins with the positions and velocities
+        ``begun[w]`` and with the effects' own states as the window before left them (0 where it ended elsewhere).
+        ``jump`` (T, nx) is added to the state in each row. Where |x| would leave ``limit`` (nx) the window stays.
+        """
+        first = np.ascontiguousarray(begun, float)
+        rows = np.ascontiguousarray(edges, np.int32)
+        added = np.zeros((len(u), self.nx)) if jump is None else np.ascontiguousarray(jump, float)
+        x = np.empty((int((rows[:, 1] - rows[:, 0]).sum()), self.nx))
+        times = np.ascontiguousarray(dt, float)
+        self.module.windows(first, rows, np.ascontiguousarray(u), self.c, times, added, limit, x, self._size(most))
+        return x
+
     def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
         """What the input effects (delay, saturation, sag, lag) make of commands.
 

@@ -8,8 +8,9 @@ SCRIPT = """#!/bin/sh
 case "$*" in *--version*) echo "{version}"; exit 0;; esac
 echo "$*" >> {log}
 sleep {sleep}
+words="$*"
 while [ $# -gt 0 ]; do
-    if [ "$1" = -o ]; then echo made > "$2"; fi
+    if [ "$1" = -o ]; then echo "$words" > "$2"; fi
     shift
 done
 """

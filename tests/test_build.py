@@ -279,7 +279,7 @@ def test_damaged_forged_and_stale_builds_are_made_again(
     assert build(str(tmp_path / "robot.toml"), "portable", out) == (folder, True)
     assert intact(folder, name)
     assert {file: content for file, (_, _, content) in snapshot(folder).items()} == whole
-    assert sorted(p.name for p in out.iterdir()) == [".lock", folder.name]
+    assert sorted(p.name for p in out.iterdir()) == [".lock", ".objects", folder.name]
 
 
 def test_a_build_renamed_to_another_hash_is_not_taken_for_it(stub: Path, robot: Path, tmp_path: Path) -> None:

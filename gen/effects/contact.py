@@ -27,7 +27,7 @@ EFFECT = Effect(
             0.0,
             100000.0,
             "of what is met above an angle",
-            typical=3000.0,
+            typical=100.0,
             sliding="N/m",
         ),
         Parameter(
@@ -37,7 +37,7 @@ EFFECT = Effect(
             0.0,
             100000.0,
             "of what is met below an angle",
-            typical=3000.0,
+            typical=100.0,
             sliding="N/m",
         ),
         Parameter(
@@ -63,6 +63,6 @@ EFFECT = Effect(
     ),
     amplitudes=("contact_stiffness_above", "contact_stiffness_below"),
     equation=torque,
-    citation="Gilardi, Sharf, Mech. Mach. Theory 37 (2002) 1213, linear elastic contact; size: rubber or wood, 1e5"
-    " N/m at 0.17 m",
+    citation="Gilardi, Sharf, Mech. Mach. Theory 37 (2002) 1213, linear elastic contact; size: foam or a hose, 1e4"
+    " N/m at 0.1 m",
 )

@@ -265,6 +265,60 @@ static PyObject *rollout(PyObject *module, PyObject *const *args, Py_ssize_t cou
     return none();
 }
 
+/* windows(begun, edges, u, c, dt, jump, limit, x, most): windows that each begin anew, set-valued friction */
+static PyObject *windows(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    (void)module;
+    if (count != 9) {
+        PyErr_SetString(PyExc_TypeError, "windows takes (begun, edges, u, c, dt, jump, limit, x, most)");
+        return NULL;
+    }
+    const double most = PyFloat_AsDouble(args[8]);
+    if (PyErr_Occurred()) return NULL;
+    if (!(most > 0.0)) {
+        PyErr_SetString(PyExc_ValueError, "windows: the longest step must be above 0");
+        return NULL;
+    }
+    Py_buffer sized[2];
+    if (PyObject_GetBuffer(args[1], &sized[0], C_CONTIGUOUS | FORMAT) < 0) return NULL;
+    if (PyObject_GetBuffer(args[4], &sized[1], C_CONTIGUOUS | FORMAT) < 0) {
+        PyBuffer_Release(&sized[0]);
+        return NULL;
+    }
+    const long many = (long)(sized[0].len / 8), rows = (long)(sized[1].len / 8);
+    const int *edge = sized[0].buf;
+    long within = 0;
+    int right = many > 0 && sized[0].len % 8 == 0;
+    for (long w = 0; right && w < many; w++) {
+        right = edge[2 * w] >= (w ? edge[2 * w - 1] : 0) && edge[2 * w + 1] > edge[2 * w] && edge[2 * w + 1] <= rows;
+        within += edge[2 * w + 1] - edge[2 * w];
+    }
+    PyBuffer_Release(&sized[0]);
+    PyBuffer_Release(&sized[1]);
+    if (!right) {
+        PyErr_SetString(PyExc_ValueError, "windows: edges must be rows [first, end) in rising order within those of dt");
+        return NULL;
+    }
+    hda_entry e = {"windows", 8, NULL, {
+        {"begun", 'd', many * HDA_MECHANICAL, 0},
+        {"edges", 'i', many * 2, 0},
+        {"u", 'd', rows * HDA_NU, 0},
+        {"c", 'd', HDA_NC, 0},
+        {"dt", 'd', rows, 0},
+        {"jump", 'd', rows * HDA_NX, 0},
+        {"limit", 'd', HDA_NX, 0},
+        {"x", 'd', within * HDA_NX, 1},
+    }};
+    Py_buffer views[MOST];
+    void *at[MOST];
+    Py_ssize_t stride[MOST];
+    if (!take(&e, args, 8, 1, views, at, stride)) return NULL;
+    void *thread = PyEval_SaveThread();
+    hda_rollout_windows(at[0], at[1], many, at[2], at[3], at[4], most, at[5], at[6], at[7]);
+    PyEval_RestoreThread(thread);
+    for (int k = 0; k < 8; k++) PyBuffer_Release(&views[k]);
+    return none();
+}
+
 /* ---- the module ---- */
 
 static PyObject *empty(PyObject *self, PyObject *ignored) {
@@ -305,6 +359,7 @@ static PyMethodDef methods[] = {
     {"bind", (void (*)(void))bind, FASTCALL, "bind(name, *arrays): a function bound to its arrays."},
     {"map", (void (*)(void))map, FASTCALL, "map(name, rows, *arrays): the function on every row."},
     {"rollout", (void (*)(void))rollout, FASTCALL, "rollout(kind, x0, u, c, dt, most, count, x): simulate over time."},
+    {"windows", (void (*)(void))windows, FASTCALL, "windows(begun, edges, u, c, dt, jump, limit, x, most): windows that begin anew."},
     {"sentence", (void (*)(void))sentence, FASTCALL, "sentence(status): what a controller's status means."},
     {"length", (void (*)(void))length, FASTCALL, "length(name, array): entries that bind() expects."},
     {"empty", (void (*)(void))empty, NOARGS, "empty(): nothing, to time a call."},

@@ -20,6 +20,13 @@ HDA_API void hda_rollout_exact(const double *x0, const double *u, const double *
 HDA_API void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows,
                                double most, long count, int own, double *x);
 
+/* Windows of rows edges[2w] up to edges[2w + 1], set-valued: each begins with its own positions and velocities, begun
+ * (windows, HDA_MECHANICAL), and with the effects' own states as the window before left them (0 where it ended elsewhere).
+ * jump (all rows, HDA_NX) is added to the state in each row. A window stays where it is once a state would be beyond limit
+ * (HDA_NX). x gets the state in each row of each window, one after the other. */
+HDA_API void hda_rollout_windows(const double *begun, const int *edges, long windows, const double *u, const double *c,
+                                 const double *dt, double most, const double *jump, const double *limit, double *x);
+
 /* Trajectories that are advanced at once. */
 HDA_API int hda_batch_width(void);
 

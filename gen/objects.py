@@ -1,0 +1,51 @@
+"""Compiled objects that are kept: robots of the same structure give the same C, for numbers are parameters, not text.
+
+An object is found by the hash of its preprocessed source, the compiler and the flags, and holds a hash of itself, so
+that a damaged one is made again. The folder that holds them lies beside the builds, which lock it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from pathlib import Path
+
+MOST = 256  # objects that are kept, the newest
+
+
+def key(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
+    """What an object is found by."""
+    digest = hashlib.sha256()
+    for part in (preprocessed, "\0".join(command).encode(), version.encode()):
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    return digest.hexdigest()[:32]
+
+
+def fetch(kept: Path, name: str) -> bytes | None:
+    """The object of that key, None where there is none that is whole."""
+    for path in kept.glob(f"{name}-*.o"):
+        try:
+            content = path.read_bytes()
+        except OSError:
+            continue
+        if path.stem == f"{name}-{_hash(content)}":
+            return content
+        path.unlink(missing_ok=True)
+    return None
+
+
+def keep(kept: Path, name: str, content: bytes) -> None:
+    """Put an object away, whole or not at all, and throw away the oldest beyond MOST."""
+    kept.mkdir(parents=True, exist_ok=True)
+    path = kept / f"{name}-{_hash(content)}.o"
+    part = kept / f".{secrets.token_hex(8)}"
+    part.write_bytes(content)
+    part.replace(path)
+    by_age = sorted(kept.glob("*.o"), key=lambda p: p.stat().st_mtime)
+    for old in by_age[:-MOST]:
+        old.unlink(missing_ok=True)
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:32]
