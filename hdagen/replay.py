@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hdagen import verdict
+from hdagen import late, verdict
 from hdagen.channels import describe
 from hdagen.kalman import estimate
 from hdagen.log import Log, LogError
@@ -261,7 +261,7 @@ def _moves(log: Log, readings: Readings) -> list[str]:
 
 def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes: list[str]) -> Replay:
     """The replay that ``states`` (T, nx) are, with what acts at each row ``shown`` (T, nu), against the measured."""
-    seen = arm.outputs(states, shown)
+    seen = late.read(arm, log.time, states, shown)
     columns = {"time": log.time}
     for j in range(1, arm.n + 1):
         columns |= _input_column(arm, log, j, shown[:, j - 1])
