@@ -12,7 +12,7 @@ import scipy.stats
 from hdagen import verdict
 from hdagen.__main__ import main
 from hdagen.diagnosis.evidence import freed, gain, posterior
-from hdagen.diagnosis.linear import Linear
+from hdagen.diagnosis.linear import Gram, Linear
 from hdagen.log import write
 from hdagen.plant import Array
 
@@ -21,7 +21,9 @@ def problem(rng: np.random.Generator, windows: int = 3) -> tuple[Linear, list[Ar
     """A linear model of small windows with its blocks [S | B | J | r]."""
     m, k, many, rows = 2, 3, 4, 20
     blocks = [rng.normal(size=(rows, m + k + many + 1)) for _ in range(windows)]
-    return Linear(np.stack([b.T @ b for b in blocks]), m, k, windows * rows), blocks, m, k, many
+    gram = Gram(np.stack([b[:, :-1].T @ b[:, :-1] for b in blocks]), m, k)
+    z, r2 = np.stack([b[:, :-1].T @ b[:, -1] for b in blocks]), np.array([b[:, -1] @ b[:, -1] for b in blocks])
+    return Linear(gram, z, r2, windows * rows), blocks, m, k, many
 
 
 def dense(blocks: list[Array], m: int, k: int, s: float, kappa2: float, v: Array) -> float:
@@ -45,16 +47,28 @@ def test_the_evidence_is_that_of_the_dense_gaussian(s: float, kappa2: float) -> 
     spike, free = np.full(many, 0.2), np.array([1, 3])
     wide = spike.copy()
     wide[free] = 1.0
-    at = posterior(linear.reduced(np.full(k, s)), spike, s, kappa2)
+    at = posterior(linear.reduced(s), spike, s, kappa2)
     truth = dense(blocks, m, k, s, kappa2, wide) - dense(blocks, m, k, s, kappa2, spike)
     assert gain(at, spike, free) == pytest.approx(truth, rel=1e-9)
-    other = posterior(linear.reduced(np.full(k, 0.0)), spike, 0.0, 1.0)
+    other = posterior(linear.reduced(0.0), spike, 0.0, 1.0)
     apart = dense(blocks, m, k, s, kappa2, spike) - dense(blocks, m, k, 0.0, 1.0, spike)
     assert at.evidence - other.evidence == pytest.approx(apart, rel=1e-9, abs=1e-9)
-    direct = posterior(linear.reduced(np.full(k, s)), wide, s, kappa2)
+    direct = posterior(linear.reduced(s), wide, s, kappa2)
     mean, covariance = freed(at, spike, free)
     np.testing.assert_allclose(mean, direct.mean, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(covariance, direct.covariance, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("s", [0.0, 0.3])
+def test_first_states_and_torques_are_those_of_ridge_regression(s: float) -> None:
+    linear, blocks, m, k, many = problem(np.random.default_rng(4))
+    theta = np.random.default_rng(5).normal(size=many)
+    begun, torque = linear.inner(s, theta)
+    for w, b in enumerate(blocks):
+        left, inner = b[:, -1] - b[:, m + k : -1] @ theta, b[:, : m + (k if s else 0)]
+        ridge = np.diag([0.0] * m + [1.0 / s**2] * k if s else [0.0] * m)
+        x = np.linalg.solve(inner.T @ inner + ridge, inner.T @ left)
+        np.testing.assert_allclose(np.concatenate([begun[w], torque[w]]), x, rtol=1e-6, atol=1e-9)
 
 
 def test_a_hold_out_that_is_the_log_and_a_short_log_are_refused(

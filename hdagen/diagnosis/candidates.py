@@ -15,13 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.diagnosis.starts import Suggested
 from hdagen.plant import Arm, Array
 
 SPIKE = 0.05  # standard deviation of the size of an effect that is not meant, in usual sizes
 SLAB = 1.0  # of one that is
 SILENT = 1e-3  # of an atom that is looked at only in its own hypothesis
 PRESENT = 0.15  # size from which an effect counts as present
-STEP = 0.5  # by which a parameter is moved for its column
+NEAR = 0.1  # by which a parameter of a hypothesis is moved about where it stands
+STEP = 0.1  # by which a parameter is moved for its column: small, as what is not meant is; large sizes are scanned
+LEAST = 1e-3  # of a shape parameter's range: its unit where the value is 0
 SHAPE = 0.5  # of a shape parameter's value: its unit
 
 
@@ -83,27 +86,34 @@ class Dictionary:
         """The columns that every hypothesis refits, alone."""
         return Dictionary(self.atoms, tuple(c for c in self.columns if c.base))
 
-    def focused(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> Dictionary:
-        """The columns of one hypothesis: of its effects its own atoms, of the others the first; with its shapes, free
-        about where they are in ``p``."""
+    def focused(self, atoms: tuple[int, ...], every: bool = False) -> Dictionary:
+        """The columns of one hypothesis: of its effects its own atoms, of the others the first (all with ``every``)."""
         meant = {self.atoms[k].name for k in atoms}
         columns = []
         for c in self.columns:
-            if c.atom < 0 or (c.atom in atoms if self.atoms[c.atom].name in meant else self.atoms[c.atom].first):
+            if c.atom < 0 or (
+                c.atom in atoms if self.atoms[c.atom].name in meant else every or self.atoms[c.atom].first
+            ):
+                own = c.atom in atoms
                 first = next((d.spike for d in self.columns if d.parameter == c.parameter), c.spike)
-                columns.append(replace(c, spike=first))
+                columns.append(replace(c, spike=first) if own else c)
+        return Dictionary(self.atoms, tuple(columns), frozenset(meant))
+
+    def about(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> Dictionary:
+        """`focused`, about where the hypothesis stands in ``p``: its sizes by small steps, with its shapes free."""
+        focus = self.focused(atoms)
+        columns = [replace(c, step=NEAR) if c.atom in atoms else c for c in focus.columns]
         names = list(arm.parameters.described)
         for name in dict.fromkeys(name for k in atoms for name in self.atoms[k].shapes):
             q = arm.parameters.described[name]
             value = float(p[names.index(name)])
-            unit = SHAPE * abs(value) if q.low >= 0 else 0.1 * (q.high - q.low) / 2
-            columns.append(Column(name, names.index(name), value, unit, 1.0, -1, True, 0.1))
-        return Dictionary(self.atoms, tuple(columns), frozenset(meant))
+            unit = max(SHAPE * abs(value), LEAST * (q.high - q.low)) if q.low >= 0 else 0.1 * (q.high - q.low) / 2
+            columns.append(Column(name, names.index(name), value, unit, 1.0, -1, True, NEAR))
+        return Dictionary(self.atoms, tuple(columns), focus.meant)
 
 
-def dictionary(arm: Arm, starts: Mapping[str, tuple[float, ...]]) -> Dictionary:
-    """Every effect of ``arm`` that a log can show. ``starts``: those of shapes that the log itself suggests, in place
-    of the model's."""
+def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
+    """Every effect of ``arm`` that a log can show, with what the log itself suggests."""
     raw = {q["name"]: q for q in arm.manifest["parameters"]}
     place = {name: k for k, name in enumerate(arm.parameters.described)}
     atoms: list[Atom] = []
@@ -115,11 +125,14 @@ def dictionary(arm: Arm, starts: Mapping[str, tuple[float, ...]]) -> Dictionary:
             if not names:
                 continue
             shapes = [s + suffix for s in effect["shapes"]]
-            for number, chosen in enumerate(_together([starts.get(s, raw[s]["starts"]) for s in shapes])):
+            for number, chosen in enumerate(_together([suggested.shapes.get(s, raw[s]["starts"]) for s in shapes])):
                 atoms.append(
                     Atom(effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number)
                 )
-                columns += [_column(raw[name], place[name], len(atoms) - 1, not number) for name in names]
+                columns += [
+                    _column(raw[name], place[name], len(atoms) - 1, not number, suggested.sizes.get(name))
+                    for name in names
+                ]
     owned = {c.parameter for c in columns}
     for name, q in raw.items():
         if q["role"] == "base" and name not in owned and q["tolerance"] > 0 and q["nominal"]:
@@ -134,8 +147,9 @@ def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
     return [tuple(s[k % len(s)] for s in starts) for k in range(count)]
 
 
-def _column(q: Mapping[str, Any], index: int, atom: int, first: bool) -> Column:
+def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, size: float | None) -> Column:
     unit, base = float(q["typical"]), q["role"] == "base"
     tolerance = q["tolerance"] * abs(q["nominal"]) / unit
     spike = max(tolerance, 0.0 if base and tolerance else SPIKE) if first else SILENT
-    return Column(str(q["name"]), index, float(q["nominal"]), unit, spike, atom, base and first)
+    step = STEP if size is None else size / unit
+    return Column(str(q["name"]), index, float(q["nominal"]), unit, spike, atom, base and first, step)

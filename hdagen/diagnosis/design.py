@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from hdagen.diagnosis.candidates import Column, Dictionary
-from hdagen.diagnosis.linear import Linear
+from hdagen.diagnosis.linear import Gram, Linear
 from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.plant import Array
 
@@ -44,40 +44,49 @@ class Design:
 
     def linear(self) -> Linear:
         """The cross products with the residual as it would be at nominal parameters."""
-        m, k, many = self.shooting.m, self.k, self.columns.shape[1]
-        effective = self.residual.reshape(-1) + self.columns[:, m + k :] @ self.words.theta(self.point.p)
-        products = np.empty((len(self.gram), many + 1, many + 1))
-        products[:, :many, :many] = self.gram
-        for w, part in enumerate(self.parts):
-            r = effective[part]
-            products[w, :many, many] = products[w, many, :many] = self.columns[part].T @ r
-            products[w, many, many] = r @ r
-        return Linear(products, m, k, len(effective))
+        head, M = self.shooting.m + self.k, self.residual.shape[1]
+        r = self.residual.reshape(-1) + self.columns[:, head:] @ self.words.theta(self.point.p)
+        z = np.stack([r[part] @ self.columns[part] for part in self.parts])
+        return Linear(self.gram, z, np.add.reduceat(r**2, self.edges[:-1]), len(self.residual) * M)
 
-    @cached_property
+    @property
+    def edges(self) -> np.ndarray:
+        """The first row of each window in ``columns``, and the end."""
+        record = self.shooting.record
+        return np.asarray(np.concatenate([[0], np.cumsum(record.ends - record.starts)]) * self.residual.shape[1])
+
+    @property
     def parts(self) -> list[slice]:
         """The rows of each window."""
-        record, M = self.shooting.record, self.residual.shape[1]
-        edges = np.concatenate([[0], np.cumsum(record.ends - record.starts)]) * M
-        return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(self.edges)]
 
     @cached_property
-    def gram(self) -> Array:
-        """Cross products of the columns (W, C, C)."""
-        return np.stack([self.columns[part].T @ self.columns[part] for part in self.parts])
+    def gram(self) -> Gram:
+        """Cross products of the columns."""
+        products = np.stack([self.columns[part].T @ self.columns[part] for part in self.parts])
+        return Gram(products, self.shooting.m, self.k)
+
+    def bare(self) -> Design:
+        """Words and point alone: what is needed of a hypothesis that is not fitted any more."""
+        return Design(self.shooting, self.words, self.point, self.columns[:0].copy(), self.residual[:0].copy(), self.k)
 
     def moved(self, point: Point) -> Design:
         """The same columns with the residual of another point."""
-        seen = self.shooting.predict(Lane(point.p, point.begun))
-        other = Design(self.shooting, self.words, point, self.columns, residual(self.shooting, seen), self.k)
+        return self.seen(point, self.shooting.predict(Lane(point.p, point.begun)))
+
+    def seen(self, point: Point, predicted: Array) -> Design:
+        """The same columns with another point, at which the channels read ``predicted`` (R, M)."""
+        other = Design(self.shooting, self.words, point, self.columns, residual(self.shooting, predicted), self.k)
         other.__dict__["gram"] = self.gram
         return other
 
 
 def residual(shooting: Shooting, seen: Array) -> Array:
-    """Measured less predicted (R, M) in units of noise."""
+    """Measured less predicted (R, M) in units of noise; no larger than the channel's range, for a model that flies
+    apart is as wrong as one can be."""
     record = shooting.record
-    return (record.measured[shooting.rows] - seen) / record.noise
+    measured = record.measured[shooting.rows]
+    return np.asarray(np.clip(measured - seen, -(span := np.ptp(measured, axis=0)), span) / record.noise)
 
 
 def torque_units(shooting: Shooting) -> Array:
@@ -99,15 +108,34 @@ def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:
     return Design(shooting, words, point, columns, residual(shooting, seen), len(torques))
 
 
-def renewed(at: Design, words: Dictionary, point: Point, base: bool) -> Design:
-    """The design of a hypothesis about its own point: first states, what is free and its shapes are made anew (and all
-    base parameters with ``base``), the rest is kept."""
+def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Design:
+    """The columns of ``at`` that ``words`` names, at the point of ``nearer`` with those columns that it has itself."""
+    head = at.shooting.m + at.k
+    kept = {(c.parameter, c.atom): head + i for i, c in enumerate(at.words.columns)}
+    words = Dictionary(words.atoms, tuple(c for c in words.columns if (c.parameter, c.atom) in kept), words.meant)
+    old = [*range(head), *(kept[c.parameter, c.atom] for c in words.columns)]
+    if nearer is None:
+        made = Design(at.shooting, words, at.point, at.columns[:, old], at.residual, at.k)
+        made.__dict__["gram"] = Gram(at.gram.products[:, np.array(old)[:, None], old], at.shooting.m, at.k)
+        return made
+    own = {(c.parameter, c.atom): head + i for i, c in enumerate(nearer.words.columns)}
+    columns = at.columns[:, old]
+    columns[:, :head] = nearer.columns[:, :head]
+    for i, c in enumerate(words.columns, head):
+        if (c.parameter, c.atom) in own:
+            columns[:, i] = nearer.columns[:, own[c.parameter, c.atom]]
+    return Design(at.shooting, words, nearer.point, columns, nearer.residual, at.k)
+
+
+def renewed(at: Design, words: Dictionary, point: Point) -> Design:
+    """The design of a hypothesis about its own point: first states, base parameters, what is free and its shapes are
+    made anew, the rest is kept."""
     shooting, m, k = at.shooting, at.shooting.m, at.k
     kept = {(c.parameter, c.atom): i for i, c in enumerate(at.words.columns)}
-    focus = {c.atom for c in words.columns if c.atom >= 0 and words.atoms[c.atom].name in words.meant}
+    free = {c.atom for c in words.columns if c.atom >= 0 and words.atoms[c.atom].name in words.meant}
     lanes, places = _first(shooting, point), list(range(m))
     for i, c in enumerate(words.columns):
-        if (c.parameter, c.atom) not in kept or c.atom in focus or (base and c.base):
+        if (c.parameter, c.atom) not in kept or c.atom in free or c.base:
             lanes.append(_moved(shooting, words, point, c))
             places.append(m + k + i)
     seen, fresh = _differences(shooting, point, lanes)
@@ -115,11 +143,11 @@ def renewed(at: Design, words: Dictionary, point: Point, base: bool) -> Design:
     columns = at.columns[:, old]
     columns[:, places] = fresh
     made = Design(shooting, words, point, columns, residual(shooting, seen), k)
-    gram = at.gram[:, np.array(old)[:, None], old]
+    products = at.gram.products[:, np.array(old)[:, None], old]
     for w, part in enumerate(made.parts):
-        gram[w, places] = fresh[part].T @ columns[part]
-        gram[w, :, places] = gram[w, places]
-    made.__dict__["gram"] = gram
+        products[w, places] = fresh[part].T @ columns[part]
+        products[w, :, places] = products[w, places]
+    made.__dict__["gram"] = Gram(products, m, k)
     return made
 
 

@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 
 from hdagen import verdict
-from hdagen.diagnosis.candidates import dictionary
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.starts import starts
 from hdagen.log import Log
 from hdagen.plant import load
 from hdagen.repair import prepared
@@ -57,7 +55,7 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
     fitted_on, held_out = (log.rows(0, cut), log) if hold_out is None else (log, hold_out)
     arm = load(robot, "native", ("all",))
     seen = record(arm, fitted_on, max(WINDOW, FEWEST * log.period))
-    found = search(Shooting(arm, seen), dictionary(arm, starts(arm, fitted_on)), say)
+    found = search(Shooting(arm, seen), say)
     decision = decide(found)
     content = findings(arm, found, decision)
     said = verdict.read(content)

@@ -47,18 +47,33 @@ class Scored:
     at: Posterior
 
 
-def posteriors(linear: Linear, spike: Array) -> list[Posterior]:
-    """The posterior at every size s of unexplained torque, each with the noise as stated and as large as it looks."""
-    found = []
-    for s in TORQUES:
-        reduced = linear.reduced(np.full(linear.k, s))
-        kappa2 = 1.0
-        for _ in range(SCALES):
-            found.append(posterior(reduced, spike, float(s), kappa2))
-            left = found[-1].left
-            if left < 1.05 * kappa2:
-                break
-            kappa2 = left
+def posteriors(linear: Linear, spike: Array, near: float | None = None) -> list[Posterior]:
+    """The posterior at every size s of unexplained torque, each with the noise as stated and as large as it looks; with
+    ``near`` at the sizes about that one, as far as they get better."""
+    if near is None:
+        return [one for s in TORQUES for one in _at(linear, spike, s)]
+    here = int(np.argmin(np.abs(TORQUES - near)))
+    made = {k: _at(linear, spike, TORQUES[k]) for k in range(max(here - 1, 0), min(here + 2, len(TORQUES)))}
+    best = {k: max(one.evidence for one in found) for k, found in made.items()}
+    for step in (-1, 1):
+        k = here + step
+        while k in best and best[k] == max(best.values()) and 0 <= k + step < len(TORQUES):
+            k += step
+            made[k] = _at(linear, spike, TORQUES[k])
+            best[k] = max(one.evidence for one in made[k])
+    return [one for k in sorted(made) for one in made[k]]
+
+
+def _at(linear: Linear, spike: Array, s: float) -> list[Posterior]:
+    """The posterior at one size of unexplained torque, with the noise as stated and as large as it looks."""
+    reduced, found = linear.reduced(float(s)), []
+    kappa2 = 1.0
+    for _ in range(SCALES):
+        found.append(posterior(reduced, spike, float(s), kappa2))
+        left = found[-1].left
+        if left < 1.05 * kappa2:
+            break
+        kappa2 = left
     return found
 
 
@@ -69,12 +84,12 @@ def posterior(reduced: Reduced, spike: Array, s: float, kappa2: float) -> Poster
     covariance = scipy.linalg.cho_solve(factor, np.eye(len(spike))) * V
     mean = covariance @ reduced.b / kappa2
     log = -0.5 * (
-        (float(reduced.c.sum()) - float(reduced.b @ mean)) / kappa2
+        (reduced.c - float(reduced.b @ mean)) / kappa2
         + 2.0 * float(np.log(np.diagonal(factor[0])).sum())
         + reduced.logdet
         + reduced.freedom * np.log(kappa2)
     )
-    chi2 = float(reduced.c.sum()) - 2 * float(reduced.b @ mean) + float(mean @ reduced.N @ mean)
+    chi2 = reduced.c - 2 * float(reduced.b @ mean) + float(mean @ reduced.N @ mean)
     return Posterior(s, kappa2, mean, covariance, log, chi2 / reduced.freedom)
 
 

@@ -9,7 +9,8 @@ from typing import Any
 from hdagen import verdict
 from hdagen.diagnosis.candidates import PRESENT, Dictionary
 from hdagen.diagnosis.decide import SURE, Decision
-from hdagen.diagnosis.search import Fitted, Search
+from hdagen.diagnosis.fitting import Fitted
+from hdagen.diagnosis.search import Search
 from hdagen.plant import Arm, Parameter
 
 LIKELY = 0.01  # probability from which another cause is named as confounded
@@ -18,20 +19,19 @@ LIKELY = 0.01  # probability from which another cause is named as confounded
 def findings(arm: Arm, found: Search, decision: Decision) -> dict[str, Any]:
     """All of diagnosis.json that the fit says; the gap, the robot and the data are added by who has them."""
     words, described, best = found.words, arm.parameters.described, decision.best
-    hypotheses = list(zip(decision.names, decision.probability.tolist(), strict=True))
-    likely = [name for name, p in hypotheses if name and p > LIKELY]
-    causes = [
-        _cause(name, p, fit, words, described, [other for other in likely if other != name])
-        for (name, p), fit in zip(hypotheses, decision.fits, strict=True)
-        if name
-    ]
+    likely = {name: decision.marginal(name) for name in dict.fromkeys(n for h in decision.hypotheses for n in h.names)}
+    causes = []
+    for name in sorted(likely, key=lambda name: -likely[name]):
+        fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
+        others = [o for o in likely if o != name and likely[o] > LIKELY and o not in decision.verdict]
+        causes.append(_cause(name, likely[name], fit, words, described, others))
     return {
         "schema": verdict.SCHEMA,
         "verdict": list(decision.verdict),
         "sure": decision.sure,
         "where": [_where(entry, words) for entry in decision.verdict],
         "causes": causes,
-        "hypotheses": [{"effects": [name] if name else [], "probability": p} for name, p in hypotheses],
+        "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": _base(best, described),
         "method": {
             "calibrated": False,
@@ -63,10 +63,10 @@ def _cause(
     if fit is not None:
         _, covariance = fit.posterior
         for k, c in enumerate(fit.design.words.columns):
-            if c.atom in fit.atoms:
+            if c.atom in fit.atoms and words.atoms[c.atom].name == name:
                 spread = math.sqrt(covariance[k, k]) * c.unit
                 parameters[c.parameter] = _estimate(fit, described[c.parameter], c.index, spread)
-        for shape in dict.fromkeys(s for k in fit.atoms for s in words.atoms[k].shapes):
+        for shape in dict.fromkeys(s for k in fit.atoms if words.atoms[k].name == name for s in words.atoms[k].shapes):
             parameters[shape] = _estimate(fit, described[shape], list(described).index(shape), None)
     suffix = f"_{joint}" if joint != "0" else ""
     return {

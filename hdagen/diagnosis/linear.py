@@ -4,66 +4,114 @@
 
 r residual in units of noise; δx_w change of a window's first state; d_w torques that no parameter explains, in steps
 over the window; θ parameters in units of what is usual. δx and d are eliminated window by window, so that every
-hypothesis, a width v for each parameter, costs one small factorisation.
+hypothesis, a width v for each parameter, costs one small factorisation; and every residual only a product, as what is
+eliminated depends on the columns alone.
 
 Source: Rasmussen, Williams, Gaussian Processes for Machine Learning (2006), 2.7 (explicit basis functions) and 5.4.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from hdagen.plant import Array
 
-RIDGE = 1e-12
+RIDGE = 1e-10  # of a first state that a window does not tell
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
-    """Cross products of [S | B | J | r], a window each: (W, C, C); ``m`` and ``k`` columns of S and B; ``rows`` of
-    data."""
+class Eliminated:
+    """First states and torques of size s eliminated: L factor (W, i, i), half = L⁻¹ [S | s B]' J (W, i, P), N = J'CJ
+    (P, P), log determinant."""
+
+    scale: Array
+    L: Array
+    half: Array
+    N: Array
+    logdet: float
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    """Cross products of [S | B | J], a window each: (W, C, C); ``m`` and ``k`` columns of S and B."""
 
     products: Array
     m: int
     k: int
+    kept: dict[float, Eliminated] = field(default_factory=dict)
+
+    def eliminated(self, s: float) -> Eliminated:
+        """With first states and torques of standard deviation ``s``."""
+        if s not in self.kept:
+            self.kept[s] = self._eliminated(s)
+        return self.kept[s]
+
+    def _eliminated(self, s: float) -> Eliminated:
+        m, inner = self.m, self.m + (self.k if s > 0 else 0)
+        scale = np.concatenate([np.ones(m), np.full(inner - m, s)])
+        A = self.products[:, :inner, :inner] * scale[:, None] * scale
+        A[:, range(m, inner), range(m, inner)] += 1.0
+        A[:, range(m), range(m)] += RIDGE * (A[:, range(m), range(m)] + 1.0)
+        outer = self.m + self.k
+        L = np.linalg.cholesky(A)
+        half = np.linalg.solve(L, self.products[:, :inner, outer:] * scale[:, None])
+        logdet = 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)[:, m:]).sum())
+        flat = half.reshape(-1, half.shape[2])
+        N = self.products[:, outer:, outer:].sum(0) - flat.T @ flat
+        return Eliminated(scale, L, half, N, logdet)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Columns with a residual: ``z`` their products with it (W, C), ``r2`` its own (W); ``rows`` of data."""
+
+    gram: Gram
+    z: Array
+    r2: Array
     rows: int
 
-    def reduced(self, s: Array) -> Reduced:
-        """With first states and torques of standard deviation ``s`` (k) eliminated."""
-        m, k = self.m, self.k
-        active = np.flatnonzero(s > 0)
-        inner = np.concatenate([np.arange(m), m + active])
-        outer = np.arange(m + k, self.products.shape[1])
-        A = self.products[:, inner[:, None], inner].copy()
-        scale = np.concatenate([np.ones(m), s[active]])
-        A *= scale[:, None] * scale
-        d = range(m, len(inner))
-        A[:, d, d] += 1.0
-        x = range(m)
-        A[:, x, x] *= 1.0 + RIDGE
-        B = self.products[:, inner[:, None], outer] * scale[:, None]
-        L = np.linalg.cholesky(A)
-        half = np.linalg.solve(L, B)
-        logdet = 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)[:, m:]).sum())
-        rest = self.products[:, outer[:, None], outer] - half.swapaxes(1, 2) @ half
-        return Reduced(
-            rest[:, :-1, :-1].sum(0), rest[:, :-1, -1].sum(0), rest[:, -1, -1], logdet, self.rows - m * len(A)
-        )
+    @property
+    def m(self) -> int:
+        """Columns of first states."""
+        return self.gram.m
+
+    @property
+    def k(self) -> int:
+        """Columns of torques."""
+        return self.gram.k
+
+    def reduced(self, s: float) -> Reduced:
+        """With first states and torques of standard deviation ``s`` eliminated."""
+        e, outer = self.gram.eliminated(s), self.m + self.k
+        half = self._half(e, self.z[:, : len(e.scale)])
+        b = self.z[:, outer:].sum(0) - np.einsum("wip,wi->p", e.half, half, optimize=True)
+        c = float(self.r2.sum() - (half**2).sum())
+        return Reduced(e.N, b, c, e.logdet, self.rows - self.m * len(self.z))
+
+    def inner(self, s: float, theta: Array) -> tuple[Array, Array]:
+        """Change of the first states (W, m) and torques (W, k), in their units, that go with θ; no torques at s = 0."""
+        e, m = self.gram.eliminated(s), self.m
+        left = self.z[:, : len(e.scale)] - self.gram.products[:, : len(e.scale), m + self.k :] @ theta
+        found = np.linalg.solve(e.L.swapaxes(1, 2), self._half(e, left)[..., None])[..., 0] * e.scale
+        return found[:, :m], found[:, m:]
+
+    def _half(self, e: Eliminated, z: Array) -> Array:
+        return np.asarray(np.linalg.solve(e.L, (z * e.scale)[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """What is left for θ: J'CJ (P, P), J'Cr (P), r'Cr by window (W), log determinant, degrees of freedom."""
+    """What is left for θ: J'CJ (P, P), J'Cr (P), r'Cr, log determinant, degrees of freedom."""
 
     N: Array
     b: Array
-    c: Array
+    c: float
     logdet: float
     freedom: int
 
     def cost(self, theta: Array, kappa2: float, prior: Array) -> float:
         """Minus twice the log posterior of θ under prior standard deviations ``prior`` (P), but for constants."""
-        chi2 = float(self.c.sum()) - 2 * float(self.b @ theta) + float(theta @ self.N @ theta)
+        chi2 = self.c - 2 * float(self.b @ theta) + float(theta @ self.N @ theta)
         return chi2 / kappa2 + float((theta**2 / prior**2).sum())

@@ -44,6 +44,11 @@ class Record:
         return np.concatenate([np.arange(a, b) for a, b in zip(self.starts, self.ends, strict=True)])
 
     @property
+    def edges(self) -> Rows:
+        """First row and end of each window (W, 2)."""
+        return np.stack([self.starts, self.ends], 1).astype(np.int32)
+
+    @property
     def steps(self) -> Array:
         """Time from each row to the next (T), s; the last as the one before."""
         dt = np.diff(self.time)

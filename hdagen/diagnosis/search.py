@@ -1,173 +1,122 @@
-"""The search: hypotheses are compared in the linear model; those that lead are fitted where they stand.
-
-Legend: θ parameters in usual sizes; s size of unexplained torque; κ scale of the noise.
-"""
+"""The search: all hypotheses in one linear model, then a race of those that lead, then what else the winners miss."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import SLAB, Dictionary
-from hdagen.diagnosis.design import Design, Point, design, renewed
-from hdagen.diagnosis.evidence import Scored, freed, posteriors, score
-from hdagen.diagnosis.linear import Linear
+from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.design import Design, Point, chosen, design
+from hdagen.diagnosis.evidence import Scored, posteriors, score
+from hdagen.diagnosis.fitting import Fitted, advanced, begun
+from hdagen.diagnosis.orders import with_orders
+from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.plant import Array
+from hdagen.diagnosis.starts import suggested
 
-CHORDS = 3
-SHARES = (1.0, 0.5, 0.2)
-ROUNDS = 3
-KEEP = 5
-MARGIN = 15.0  # of log evidence below the leader's, in the linear model, from where an effect is not fitted
-
-
-def first_states(linear: Linear, s: float, theta: Array) -> Array:
-    """Change of the first states (W, m) that goes with θ, unexplained torque of size s allowed."""
-    m, k = linear.m, linear.k
-    inner = np.arange(m + (k if s > 0 else 0))
-    scale = np.concatenate([np.ones(m), np.full(len(inner) - m, s)])
-    A = linear.products[:, inner[:, None], inner] * scale[:, None] * scale
-    d = range(m, len(inner))
-    A[:, d, d] += 1.0
-    outer = np.arange(m + k, linear.products.shape[1] - 1)
-    rhs = linear.products[:, inner, -1] - linear.products[:, inner[:, None], outer] @ theta
-    return np.asarray(np.linalg.solve(A, (rhs * scale)[..., None])[:, :m, 0])
-
-
-def placed(at: Design, theta: Array, begun: Array, atoms: tuple[int, ...]) -> Point:
-    """The point at θ within the bounds: base parameters and what is free; the others stay where they are."""
-    described = list(at.shooting.arm.parameters.described.values())
-    p = at.point.p.copy()
-    for value, c in zip(theta, at.words.columns, strict=True):
-        if c.base or c.atom in atoms:
-            q = described[c.index]
-            p[c.index] = min(max(c.center + float(value) * c.unit, q.low), q.high)
-    return Point(p, begun)
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """A hypothesis where it stands: its design, and its score there."""
-
-    atoms: tuple[int, ...]
-    design: Design
-    score: Scored
-
-    @property
-    def posterior(self) -> tuple[Array, Array]:
-        """Mean and covariance of θ."""
-        words = self.design.words
-        return freed(self.score.at, words.spike, words.free(self.atoms))
-
-
-def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
-    """Newton's steps with the columns kept, towards the most probable point of a hypothesis."""
-    words, s, kappa2 = at.words, lead.at.s, lead.at.kappa2
-    prior = words.spike
-    prior[words.free(atoms)] = SLAB
-    linear = at.linear()
-    reduced = linear.reduced(np.full(linear.k, s))
-    cost = reduced.cost(words.theta(at.point.p), kappa2, prior)
-    factor = np.linalg.inv(reduced.N / kappa2 + np.diag(1.0 / prior**2)) / kappa2
-    for _ in range(CHORDS):
-        theta, old = factor @ reduced.b, words.theta(at.point.p)
-        begun = first_states(linear, s, theta)
-        for share in SHARES:
-            point = placed(at, old + share * (theta - old), at.point.begun + share * begun, atoms)
-            trial = at.moved(point)
-            there = trial.linear()
-            other = there.reduced(np.full(linear.k, s))
-            value = other.cost(words.theta(point.p), kappa2, prior)
-            if value < cost:
-                break
-        else:
-            break
-        gain, at, linear, reduced, cost = cost - value, trial, there, other, value
-        if gain < 1.0:
-            break
-    return at
-
-
-def rms(at: Design) -> Array:
-    """Of each channel, in units of noise (M)."""
-    return np.asarray(np.sqrt((at.residual**2).mean(0)).round(2))
-
-
-def fit(start: Design, words: Dictionary, atoms: tuple[int, ...], rounds: int) -> Fitted:
-    """A hypothesis fitted from a design: its own columns made anew where it stands, round after round."""
-    arm = start.shooting.arm
-    names = list(arm.parameters.described)
-    p = start.point.p.copy()
-    for k in atoms:
-        for name, value in words.atoms[k].shapes.items():
-            p[names.index(name)] = value
-    at, point = start, Point(p, start.point.begun)
-    best: Fitted | None = None
-    for r in range(rounds):
-        own = words.focused(arm, atoms, point.p)
-        at = renewed(at if r else start, own, point, base=r > 0)
-        now = scored(at, atoms)
-        if best is None or now.score.evidence > best.score.evidence:
-            best = now
-        if r == rounds - 1:
-            break
-        before, at = at, descend(at, atoms, now.score)
-        if at is before:
-            break
-        point = at.point
-    assert best is not None
-    return best
-
-
-def scored(at: Design, atoms: tuple[int, ...]) -> Fitted:
-    """A hypothesis at the point of its design."""
-    found = posteriors(at.linear(), at.words.spike)
-    return Fitted(atoms, at, score(found, at.words, [atoms])[0])
-
-
-def screen(at: Design, hypotheses: Sequence[tuple[int, ...]]) -> list[Scored]:
-    """All hypotheses in one linear model."""
-    return score(posteriors(at.linear(), at.words.spike), at.words, hypotheses)
+FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
+MOST = 3  # effects at once
+FURTHER = (5, 3, 2)  # the same of further effects beside a leader
+WORTH = 8.0  # of log evidence that a further effect must bring to be fitted
+LONGEST, SETTLED = 3, 3.0  # further rounds at most, and the log evidence that one must bring for the next
+CLEAN = 0.02, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """``fitted``: none and the leading effects where they stand, the most probable first; ``screened``: every effect in
-    the linear model about the robot file's own structure."""
+    """``fitted``: none, the leading effects and sets of them where they stand, the most probable first; ``screened``:
+    every effect in the linear model about the robot file's own numbers, the most probable first."""
 
     words: Dictionary
     fitted: tuple[Fitted, ...]
     screened: tuple[Scored, ...]
 
 
-def search(shooting: Shooting, words: Dictionary, say: Callable[[str], None]) -> Search:
-    """None first, then every effect in one linear model, then those that lead, each where it stands."""
-    record = shooting.record
-    point = Point(shooting.arm.p.copy(), record.begun[:, : shooting.m].copy())
-    for round_ in range(2):
-        say(f"base parameters, round {round_ + 1} of 2")
-        at = design(shooting, words.base, point)
-        point = descend(at, (), scored(at, ()).score).point
+def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
+    """Every effect in one linear model about the robot file's numbers, and at several sizes; those that lead where they
+    stand; then sets."""
+    say("what the log suggests")
+    shown = suggested(shooting.arm, shooting.record)
+    words = dictionary(shooting.arm, with_orders(shooting, dictionary(shooting.arm, shown), shown))
     say(f"screening {len(words.atoms)} candidates")
-    at = design(shooting, words, point)
-    screened = screen(at, [(), *((k,) for k in range(len(words.atoms)))])
-    leaders = shortlist(words, screened)
+    at = design(shooting, words, Point(*shooting.begin()))
+    singles = [(), *((k,) for k in range(len(words.atoms)))]
+    screened = score(posteriors(at.linear(), words.spike), words, singles)
+    starts = scan(at, words)
+    none = next(s for s in screened if not s.atoms)
+    field = [begun(at, words, (), none.at.s), *_promising(at, words, screened, starts, (), FIELD[0])]
+    fitted = _race(field, words, FIELD, say)
+    lead = fitted[0]
+    fitted = _bare(fitted)
+    while lead.atoms and len(lead.atoms) < MOST:
+        fitted = _ordered([*fitted, *_race(_beside(at, words, lead), words, FURTHER, say)])
+        if fitted[0] is lead:
+            break
+        lead, fitted = fitted[0], _bare(fitted)
+    return Search(words, tuple(fitted), tuple(screened))
+
+
+def _promising(
+    at: Design, words: Dictionary, scored: Sequence[Scored], starts: dict[int, Start], lead: tuple[int, ...], most: int
+) -> list[Fitted]:
+    """The effects that promise most beside ``lead``, in the linear model or at one of their sizes, each begun there."""
+    alone = next(s for s in scored if s.atoms == lead)
+    found: dict[str, tuple[float, int]] = {}
+    linear = {s.atoms[-1]: s.evidence - alone.evidence for s in scored if len(s.atoms) > len(lead)}
+    for k, gain in linear.items():
+        at_size = starts[k].gain if k in starts else -np.inf
+        name, best = words.atoms[k].name, max(gain, at_size)
+        if best > WORTH and best > found.get(name, (-np.inf, k))[0]:
+            found[name] = best, k
+    leading = sorted(found.values(), reverse=True)[:most]
     fits = []
-    for number, s in enumerate(leaders, 1):
-        what = words.atoms[s.atoms[0]].name if s.atoms else "none"
-        say(f"fitting {what}, {number} of {len(leaders)}")
-        fits.append(fit(at, words, s.atoms, ROUNDS))
-    return Search(words, tuple(sorted(fits, key=lambda f: -f.score.evidence)), tuple(screened))
+    for _, k in leading:
+        start = starts[k].point if k in starts and starts[k].gain > linear[k] else None
+        fits.append(begun(at, words, (*lead, k), alone.at.s, start))
+    return fits
 
 
-def shortlist(words: Dictionary, screened: list[Scored]) -> list[Scored]:
-    """None, and the best atom of each of the leading effects."""
-    found: dict[tuple[str, ...], Scored] = {}
-    for s in screened:
-        found.setdefault(tuple(words.atoms[k].name for k in s.atoms), s)
-    best = screened[0].evidence
-    near = [s for s in found.values() if s.atoms and s.evidence > best - max(MARGIN, MARGIN * screened[0].at.s * 100)]
-    return [s for s in found.values() if not s.atoms] + near[:KEEP]
+def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fitted]:
+    """All of ``field`` fitted, round after round, those that trail far behind not to the end; the best first."""
+    out: list[Fitted] = []
+    for number in range(1, len(sizes) + 1):
+        moved = []
+        for f in field:
+            say(f"fitting {' + '.join(f.names) or 'none'}, round {number} of {len(sizes)}")
+            moved.append(advanced(f, words))
+        moved, after = _ordered(moved), sizes[number] if number < len(sizes) else len(moved)
+        field = [f for place, f in enumerate(moved) if not f.atoms or place < after]
+        out += [replace(f, design=f.design.bare()) for f in moved if f not in field]
+    return _ordered([*out, *(_settled(f, words) for f in field)])
+
+
+def _settled(fit: Fitted, words: Dictionary) -> Fitted:
+    """A hypothesis that goes on as long as it gets better."""
+    for _ in range(LONGEST):
+        further = advanced(fit, words, every=True)
+        if further.score.evidence < fit.score.evidence + SETTLED:
+            return fit if further.score.evidence < fit.score.evidence else further
+        fit = further
+    return fit
+
+
+def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
+    """The lead with each further effect that promises most about it, begun there."""
+    full = chosen(at, words.focused(lead.atoms, every=True), lead.design)
+    others = [k for k in range(len(words.atoms)) if words.atoms[k].name not in full.words.meant]
+    hypotheses = [lead.atoms, *((*lead.atoms, k) for k in others)]
+    scored = score(posteriors(full.linear(), full.words.spike, lead.score.at.s), full.words, hypotheses)
+    clean = lead.score.at.s <= CLEAN[0] and lead.score.at.kappa2 <= CLEAN[1]
+    starts = {} if clean else scan(full, full.words, lead.atoms)
+    return _promising(full, words, scored, starts, lead.atoms, FURTHER[0])
+
+
+def _bare(fits: Sequence[Fitted]) -> list[Fitted]:
+    """The best whole, of the others only what a decision needs: their columns would fill the memory."""
+    return [f if not place else replace(f, design=f.design.bare()) for place, f in enumerate(fits)]
+
+
+def _ordered(fits: Sequence[Fitted]) -> list[Fitted]:
+    return sorted(fits, key=lambda f: -f.score.evidence)

@@ -12,15 +12,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from queue import SimpleQueue
 
 import numpy as np
 
+from hdagen import late
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
-from hdagen.readings import mechanical, within
+from hdagen.readings import full_torsion, limits, mechanical, unread
 
 THREADS = 2
+TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,10 @@ class Shooting:
         self.m = mechanical(self.arm)
         self.rows = self.record.rows
         self.steps = self.record.steps
+        self.begins = np.concatenate([[0], np.cumsum(self.record.ends - self.record.starts)[:-1]])
+        self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
+        self.limit = limits(self.arm)
+        self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
 
     def predict(self, lane: Lane) -> Array:
         """What the channels read (R, M) in one lane."""
@@ -68,12 +75,29 @@ class Shooting:
         finally:
             self.arms.put(arm)
 
+    def begun(self, p: Array) -> Array:
+        """First states (W, m) as measured by sensors of parameters ``p``, no spring twisted further than it bears."""
+        arm, x = self.arm, self.record.begun.copy()
+        arm._prepare(p)
+        unread(arm, x, range(1, arm.n + 1))
+        arm._prepare(np.array([q.nominal for q in arm.parameters.described.values()]))
+        for j, most in zip(arm.manifest["flexible"], self.most_twisted, strict=True):
+            motor, joint = (arm.index(f"{side}_position_{j}") for side in ("motor", "joint"))
+            base = x[:, motor] / arm.parameters[f"ratio_{j}"]
+            x[:, joint] = base - np.clip(base - x[:, joint], -most, most)
+        return x[:, : self.m]
+
+    def begin(self) -> tuple[Array, Array]:
+        """The robot file's own parameters (np), and the first states (W, m) as measured."""
+        p = self.arm.p.copy()
+        return p, self.begun(p)
+
     def _run(self, lane: Lane) -> Array:
         arm = self.arms.get()
         try:
             inputs, at = self._inputs(arm, lane)
             states = self._roll(arm, lane, inputs)
-            seen = arm.outputs(states, inputs[self.rows])
+            seen = late.read(arm, self.record.time[self.rows], states, inputs[self.rows], self.begins)
         finally:
             self.arms.put(arm)
         columns = [at[self.rows, j - 1] if q == "motor_current" else seen[q][:, j - 1] for q, j in self.record.outputs]
@@ -96,35 +120,22 @@ class Shooting:
 
     def _roll(self, arm: Arm, lane: Lane, inputs: Array) -> Array:
         """The states (R, nx), the effects' own carried from window to window."""
-        record, parts, hidden = self.record, [], np.zeros(arm.nx - self.m)
-        for w, (first, end) in enumerate(zip(record.starts, record.ends, strict=True)):
-            if w and record.ends[w - 1] != first:
-                hidden = np.zeros_like(hidden)
-            x = np.concatenate([lane.begun[w], hidden])
-            path = self._window(arm, lane, x, inputs, int(first), int(end))
-            good = within(arm, path)
-            if not good.all():
-                last = max(int(np.argmin(good)) - 1, 0)
-                path[last + 1 :] = path[last]
-            parts.append(path[:-1])
-            hidden = path[-1, self.m :]
-        return np.concatenate(parts)
+        jump = None
+        if lane.impulse is not None:
+            jump = np.zeros((len(self.record.time), arm.nx))
+            jump[:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
+        return arm.windows(lane.begun, self.record.edges, inputs, self.steps, self.most, self.limit, jump)
 
-    def _window(self, arm: Arm, lane: Lane, x: Array, inputs: Array, first: int, end: int) -> Array:
-        """The states of one window (end − first + 1, nx)."""
-        if lane.impulse is None or not lane.impulse[first:end].any():
-            return arm.rollout(x, inputs[first:end], self.steps[first:end], exact=True, most=self.most)
-        kicks = first + np.flatnonzero(lane.impulse[first:end].any(1))
-        at, parts = first, []
-        speeds = [arm.index(f"joint_velocity_{j}") for j in range(1, arm.n + 1)]
-        places = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
-        for row in [*kicks.tolist(), end]:
-            if row > at:
-                path = arm.rollout(x, inputs[at:row], self.steps[at:row], exact=True, most=self.most)
-                parts.append(path[:-1])
-                x, at = path[-1], row
-            if row < end:
-                M = arm.evaluate("mass_matrix", q=x[places])["M"].reshape(arm.n, arm.n)
-                x = x.copy()
-                x[speeds] += np.linalg.solve(M, lane.impulse[row])
-        return np.concatenate([*parts, x[None]])
+    @cached_property
+    def mobility(self) -> Array:
+        """The inverse of the mass matrix (T, n, n) where the arm was measured: what an impulse on the links does."""
+        arm, log = self.arm, self.record.log
+        q = [
+            log[f"joint_position_{j}"]
+            if f"joint_position_{j}" in log
+            else log[f"motor_position_{j}"] / arm.parameters[f"ratio_{j}"]
+            for j in range(1, arm.n + 1)
+        ]
+        return np.asarray(
+            np.linalg.inv(arm.evaluate("mass_matrix", q=np.stack(q, 1))["M"].reshape(-1, arm.n, arm.n)), float
+        )

@@ -1,0 +1,79 @@
+"""Which ripple the motors show: the order at which the torque that nothing explains goes with the motor's angle.
+
+Cogging and commutation repeat a whole number of times a turn of the motor. Their order cannot be found by small steps
+from another, so it is read off before the search: base parameters refitted, the smoothed unexplained torque of each
+part of a window is compared with the mean of the sine and the cosine over the rows of that part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hdagen.diagnosis.candidates import Dictionary
+from hdagen.diagnosis.design import KNOTS, Point, design
+from hdagen.diagnosis.fitting import Fitted, advanced, begun
+from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.starts import Suggested
+from hdagen.plant import Array
+
+ORDERS = np.arange(1, 97)
+ROUNDS = 2
+CLEAR = 12.0  # gain of the best order over the usual one, in standard errors squared, from which it is taken
+KEPT = 3  # orders that are tried
+
+
+def with_orders(shooting: Shooting, words: Dictionary, suggested: Suggested) -> Suggested:
+    """``suggested`` with the orders that the log shows first."""
+    arm = shooting.arm
+    names = [f"ripple_order_{j}" for j in range(1, arm.n + 1)]
+    if not any(name in arm.parameters.described for name in names):
+        return suggested
+    at = design(shooting, words.base, Point(*shooting.begin()))
+    fit = begun(at, words.base, (), 1.0)
+    for _ in range(ROUNDS):
+        fit = advanced(fit, words.base)
+    shapes = dict(suggested.shapes)
+    for j, name in enumerate(names, 1):
+        if name in arm.parameters.described:
+            usual = arm.parameters.described[name].starts
+            shapes[name] = tuple(dict.fromkeys((*_orders(fit, j), *usual)))[: KEPT + 1]
+    return replace(suggested, shapes=shapes)
+
+
+def _orders(fit: Fitted, j: int) -> tuple[float, ...]:
+    """The clearest orders of joint j, the clearest first; none where none stands out."""
+    shooting = fit.design.shooting
+    torque = fit.design.linear().inner(max(fit.score.at.s, 1e-3), fit.posterior[0])[1]
+    own = torque[:, (j - 1) * KNOTS : j * KNOTS].reshape(-1)
+    waves = _waves(shooting, j)
+    gains = np.array([_gain(own, wave) for wave in waves])
+    best = np.argsort(-gains)[:KEPT]
+    return tuple(float(ORDERS[k]) for k in best if gains[k] > CLEAR * np.median(gains))
+
+
+def _waves(shooting: Shooting, j: int) -> Array:
+    """The mean cosine and sine of each order over the rows of each part of each window (orders, parts, 2)."""
+    record, arm = shooting.record, shooting.arm
+    ratio = arm.parameters[f"ratio_{j}"]
+    name = f"motor_position_{j}"
+    theta = record.log[name] if name in record.log else ratio * record.log[f"joint_position_{j}"]
+    turned = np.exp(1j * ORDERS[:, None] * theta)
+    sums = np.concatenate([np.zeros((len(ORDERS), 1)), np.cumsum(turned, axis=1)], axis=1)
+    parts = []
+    for first, end in zip(record.starts, record.ends, strict=True):
+        edge = np.linspace(first, end, KNOTS + 1).round().astype(int)
+        parts.append((sums[:, edge[1:]] - sums[:, edge[:-1]]) / np.diff(edge))
+    mean = np.concatenate(parts, axis=1)
+    return np.stack([mean.real, mean.imag], 2)
+
+
+def _gain(torque: Array, wave: Array) -> float:
+    """By how much a cosine and a sine lessen the square of the torque, in its variance."""
+    left = torque - torque.mean()
+    columns = wave - wave.mean(0)
+    coefficients = np.linalg.lstsq(columns, left, rcond=1e-9)[0]
+    return float(
+        (left @ left - ((left - columns @ coefficients) ** 2).sum()) / max(float(left @ left) / len(left), 1e-300)
+    )

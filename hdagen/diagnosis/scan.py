@@ -1,0 +1,90 @@
+"""Each effect at several sizes, tried where they lie: the start of its fit, and whether it is worth one.
+
+A slope at size 0 says little of an effect that answers with a corner or moves a resonance by more than its width. So
+every effect is put into the model at a few sizes of either sign, with the base parameters refitted in the linear model.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hdagen.diagnosis.candidates import SLAB, Atom, Dictionary
+from hdagen.diagnosis.design import Design, Point, chosen
+from hdagen.diagnosis.evidence import posterior
+from hdagen.diagnosis.shooting import THREADS, Lane
+from hdagen.plant import Array
+
+SIZES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # usual sizes
+TORQUES = (0.01, 0.1, 1.0, 10.0)  # sizes of unexplained torque
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where an atom's fit begins, and by how much the log evidence there is above that of none."""
+
+    point: Point
+    gain: float
+
+
+def scan(at: Design, words: Dictionary, lead: tuple[int, ...] = ()) -> dict[int, Start]:
+    """The best start of each atom that is no sum of a sine and a cosine, about the point of ``at``, with the atoms
+    ``lead`` free as they are there."""
+    kept = tuple(replace(c, spike=SLAB) if c.atom in lead else c for c in words.columns if c.base or c.atom in lead)
+    base = chosen(at, Dictionary(words.atoms, kept, frozenset(words.atoms[k].name for k in lead)))
+    meant = base.words.meant
+    tried = [
+        (k, point)
+        for k, atom in enumerate(words.atoms)
+        if atom.name not in meant
+        for point in _displaced(at, words, k, atom)
+    ]
+    seen = at.shooting.all([Lane(point.p, point.begun) for _, point in tried])
+    none = _evidence(base)
+
+    def judged(one: tuple[tuple[int, Point], Array]) -> float:
+        (_, point), predicted = one
+        return _evidence(base.seen(point, predicted)) - none
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        gains = list(pool.map(judged, zip(tried, seen, strict=True)))
+    found: dict[int, Start] = {}
+    for (k, point), gain in zip(tried, gains, strict=True):
+        if k not in found or gain > found[k].gain:
+            found[k] = Start(point, gain)
+    return found
+
+
+def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]:
+    """Points with the atom at each of its sizes that its bounds allow, one of its amplitudes at a time."""
+    columns = [c for c in words.columns if c.atom == k]
+    if len(columns) > 1 and (not atom.shapes or "order" in "".join(atom.shapes)):
+        return []  # a sine and a cosine are as good as linear
+    arm = at.shooting.arm
+    names, described = list(arm.parameters.described), list(arm.parameters.described.values())
+    found = []
+    for c in columns:
+        for size in dict.fromkeys((*SIZES, c.step)):
+            value = at.point.p[c.index] + size * c.unit
+            if described[c.index].low <= value <= described[c.index].high:
+                p = at.point.p.copy()
+                for name, shape in atom.shapes.items():
+                    p[names.index(name)] = shape
+                p[c.index] = value
+                begun = at.point.begun
+                if atom.place == "sensor":  # the windows begin where the encoders say
+                    begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
+                found.append(Point(p, begun))
+    return found
+
+
+def _evidence(base: Design) -> float:
+    linear, spike = base.linear(), base.words.spike
+    values = []
+    for s in TORQUES:
+        reduced = linear.reduced(s)
+        first = posterior(reduced, spike, s, 1.0)
+        values += [first.evidence, posterior(reduced, spike, s, max(first.left, 1.0)).evidence]
+    return float(np.max(values))
