@@ -33,7 +33,7 @@ class Point:
 
 @dataclass(eq=False)
 class Design:
-    """Columns (R M, C) in units of noise, first states, then torques (``k``), then parameters; the residual (R, M)."""
+    """Columns (C, R M) in units of noise, first states, then torques (``k``), then parameters; the residual (R, M)."""
 
     shooting: Shooting
     words: Dictionary
@@ -45,8 +45,8 @@ class Design:
     def linear(self) -> Linear:
         """The cross products with the residual as it would be at nominal parameters."""
         head, M = self.shooting.m + self.k, self.residual.shape[1]
-        r = self.residual.reshape(-1) + self.columns[:, head:] @ self.words.theta(self.point.p)
-        z = np.stack([r[part] @ self.columns[part] for part in self.parts])
+        r = self.residual.reshape(-1) + self.words.theta(self.point.p) @ self.columns[head:]
+        z = np.stack([self.columns[:, part] @ r[part] for part in self.parts])
         return Linear(self.gram, z, np.add.reduceat(r**2, self.edges[:-1]), len(self.residual) * M)
 
     @property
@@ -63,12 +63,14 @@ class Design:
     @cached_property
     def gram(self) -> Gram:
         """Cross products of the columns."""
-        products = np.stack([self.columns[part].T @ self.columns[part] for part in self.parts])
+        products = np.stack([self.columns[:, part] @ self.columns[:, part].T for part in self.parts])
         return Gram(products, self.shooting.m, self.k)
 
     def bare(self) -> Design:
         """Words and point alone: what is needed of a hypothesis that is not fitted any more."""
-        return Design(self.shooting, self.words, self.point, self.columns[:0].copy(), self.residual[:0].copy(), self.k)
+        return Design(
+            self.shooting, self.words, self.point, self.columns[:, :0].copy(), self.residual[:0].copy(), self.k
+        )
 
     def moved(self, point: Point) -> Design:
         """The same columns with the residual of another point."""
@@ -115,15 +117,15 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
     words = Dictionary(words.atoms, tuple(c for c in words.columns if (c.parameter, c.atom) in kept), words.meant)
     old = [*range(head), *(kept[c.parameter, c.atom] for c in words.columns)]
     if nearer is None:
-        made = Design(at.shooting, words, at.point, at.columns[:, old], at.residual, at.k)
+        made = Design(at.shooting, words, at.point, at.columns[old], at.residual, at.k)
         made.__dict__["gram"] = Gram(at.gram.products[:, np.array(old)[:, None], old], at.shooting.m, at.k)
         return made
     own = {(c.parameter, c.atom): head + i for i, c in enumerate(nearer.words.columns)}
-    columns = at.columns[:, old]
-    columns[:, :head] = nearer.columns[:, :head]
+    columns = at.columns[old]
+    columns[:head] = nearer.columns[:head]
     for i, c in enumerate(words.columns, head):
         if (c.parameter, c.atom) in own:
-            columns[:, i] = nearer.columns[:, own[c.parameter, c.atom]]
+            columns[i] = nearer.columns[own[c.parameter, c.atom]]
     return Design(at.shooting, words, nearer.point, columns, nearer.residual, at.k)
 
 
@@ -140,12 +142,12 @@ def renewed(at: Design, words: Dictionary, point: Point) -> Design:
             places.append(m + k + i)
     seen, fresh = _differences(shooting, point, lanes)
     old = [*range(m + k), *(m + k + kept.get((c.parameter, c.atom), 0) for c in words.columns)]
-    columns = at.columns[:, old]
-    columns[:, places] = fresh
+    columns = at.columns[old]
+    columns[places] = fresh
     made = Design(shooting, words, point, columns, residual(shooting, seen), k)
     products = at.gram.products[:, np.array(old)[:, None], old]
     for w, part in enumerate(made.parts):
-        products[w, places] = fresh[part].T @ columns[part]
+        products[w, places] = fresh[:, part] @ columns[:, part].T
         products[w, :, places] = products[w, places]
     made.__dict__["gram"] = Gram(products, m, k)
     return made
@@ -155,9 +157,9 @@ def _differences(shooting: Shooting, point: Point, lanes: list[tuple[Lane, float
     """What the point predicts (R, M), and the columns of lanes with their steps."""
     seen = shooting.all([Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
     noise = shooting.record.noise
-    columns = np.empty((seen[0].size, len(lanes)))
+    columns = np.empty((len(lanes), seen[0].size))
     for c, (lane, (_, step)) in enumerate(zip(seen[1:], lanes, strict=True)):
-        columns[:, c] = ((lane - seen[0]) / noise / step).reshape(-1)
+        columns[c] = ((lane - seen[0]) / noise / step).reshape(-1)
     return seen[0], columns
 
 

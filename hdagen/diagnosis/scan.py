@@ -17,8 +17,8 @@ from hdagen.diagnosis.evidence import posterior
 from hdagen.diagnosis.shooting import THREADS, Lane
 from hdagen.plant import Array
 
-SIZES = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # usual sizes
-TORQUES = (0.01, 0.1, 1.0, 10.0)  # sizes of unexplained torque
+SIZES = (-2.0, -0.7, 0.7, 2.0)  # usual sizes
+TORQUES = (0.03, 1.0)  # sizes of unexplained torque
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
 WORTH = 8.0  # of log evidence that a further effect must bring to be fitted
 LONGEST, SETTLED = 3, 3.0  # further rounds at most, and the log evidence that one must bring for the next
+SETTLING = 2  # how many hypotheses beside none go on
 CLEAN = 0.02, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
 
 
@@ -89,13 +90,19 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
         moved, after = _ordered(moved), sizes[number] if number < len(sizes) else len(moved)
         field = [f for place, f in enumerate(moved) if not f.atoms or place < after]
         out += [replace(f, design=f.design.bare()) for f in moved if f not in field]
-    return _ordered([*out, *(_settled(f, words) for f in field)])
+    best = [f for place, f in enumerate(_ordered(field)) if not f.atoms or place < SETTLING]
+    rest = [f for f in field if f not in best]
+    return _ordered([*out, *rest, *(_settled(f, words) for f in best)])
+
+
+def _clean(fit: Fitted) -> bool:
+    return fit.score.at.s <= CLEAN[0] and fit.score.at.kappa2 <= CLEAN[1]
 
 
 def _settled(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis that goes on as long as it gets better."""
     for _ in range(LONGEST):
-        further = advanced(fit, words, every=True)
+        further = advanced(fit, words, every=not _clean(fit))
         if further.score.evidence < fit.score.evidence + SETTLED:
             return fit if further.score.evidence < fit.score.evidence else further
         fit = further
@@ -108,8 +115,7 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     others = [k for k in range(len(words.atoms)) if words.atoms[k].name not in full.words.meant]
     hypotheses = [lead.atoms, *((*lead.atoms, k) for k in others)]
     scored = score(posteriors(full.linear(), full.words.spike, lead.score.at.s), full.words, hypotheses)
-    clean = lead.score.at.s <= CLEAN[0] and lead.score.at.kappa2 <= CLEAN[1]
-    starts = {} if clean else scan(full, full.words, lead.atoms)
+    starts = {} if _clean(lead) else scan(full, full.words, lead.atoms)
     return _promising(full, words, scored, starts, lead.atoms, FURTHER[0])
 
 
