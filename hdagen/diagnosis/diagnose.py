@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hdagen import verdict
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
+from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.shooting import Shooting
@@ -62,40 +60,13 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
     say("replay of held-out motion")
     before = replay(plain, held_out)
     after = replay(verdict.with_effects(robot, "portable", said), held_out, with_=said)
-    content["gap"] = _gap(before, after, held_out, cut)
+    content["gap"] = gap(before, after, held_out, cut)
     if content["gap"]["before"] < NOISE or content["gap"]["after"] >= content["gap"]["before"]:
         content |= {"verdict": [], "sure": False, "where": [], "parameters": {}}  # it does not stand up to other motion
-        after, content["gap"] = before, _gap(before, before, held_out, cut)
+        after, content["gap"] = before, gap(before, before, held_out, cut)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(log, held_out, hold_out is None) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut)
-
-
-def _gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:
-    """Before and after from row ``first`` on, in multiples of the noise; what a flexible correction would reach is not
-    computed and stays empty, as does the interval."""
-    multiples = {
-        name: {"before": _multiple(before, log, name, first), "after": _multiple(after, log, name, first)}
-        for name in before.errors
-        if before.noise.get(name)
-    }
-    gap = {
-        when: math.exp(float(np.mean([math.log(max(m[when], 1e-3)) for m in multiples.values()])))
-        for when in ("before", "after")
-    }
-    span = gap["before"] - 1.0
-    return {
-        **gap,
-        "floor": 1.0,
-        "achievable": None,
-        "shrink": (gap["before"] - gap["after"]) / span if span > 0.1 else None,
-        "interval": None,
-        "by_channel": multiples,
-    }
-
-
-def _multiple(seen: Replay, log: Log, name: str, first: int) -> float:
-    return float(np.sqrt(np.mean((seen.columns[name] - log[name])[first:] ** 2))) / seen.noise[name]
 
 
 def _data(log: Log, held_out: Log, own: bool) -> dict[str, Any]:

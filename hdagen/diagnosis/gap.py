@@ -1,0 +1,78 @@
+"""The gap on held-out motion before and after, with an interval from blocks of windows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hdagen.log import Log
+from hdagen.plant import Array
+from hdagen.readings import Rows
+from hdagen.replay import Replay
+
+LEAST = 1e-3  # multiples of the noise, below which an error counts as this
+DRAWS = 500
+BLOCK = 4  # windows of a block: what is one second of motion, so that neighbours that err alike stay together
+LEVEL = 0.95
+
+
+def gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:
+    """`gap` of diagnosis.json from row ``first`` of the held-out ``log`` on.
+
+    Root mean squares of the replay errors in multiples of each channel's noise, joined as the geometric mean over
+    channels. The interval of the share that is closed: blocks of windows drawn with replacement (Efron, Tibshirani, An
+    Introduction to the Bootstrap (1993), 8.6), the same draws at each call. What a flexible correction would reach is
+    not computed.
+    """
+    names = [name for name in before.errors if before.noise.get(name)]
+    edges = np.append(before.starts[before.starts >= first], len(log))
+    if edges[0] > first:
+        edges = np.insert(edges, 0, first)
+    squares = np.stack([_squares(seen, log, names, edges) for seen in (before, after)])  # (2, windows, channels)
+    rows = np.diff(edges)
+    each = np.sqrt(squares.sum(1) / rows.sum())
+    joined = _joined(each)
+    return {
+        "before": float(joined[0]),
+        "after": float(joined[1]),
+        "floor": 1.0,
+        "achievable": None,
+        "shrink": _shrink(joined),
+        "interval": _interval(squares, rows),
+        "by_channel": {name: {"before": float(each[0, k]), "after": float(each[1, k])} for k, name in enumerate(names)},
+    }
+
+
+def _squares(seen: Replay, log: Log, names: list[str], edges: Rows) -> Array:
+    """Sum of the squared errors of each window and channel, in the channel's noise (windows, channels)."""
+    errors = np.stack([(seen.columns[name] - log[name]) / seen.noise[name] for name in names], 1)
+    return np.asarray(np.add.reduceat(errors**2, edges[:-1], axis=0))
+
+
+def _joined(each: Array) -> Array:
+    return np.asarray(np.exp(np.log(np.maximum(each, LEAST)).mean(-1)))
+
+
+def _shrink(joined: Array) -> float | None:
+    """The share of the gap above the noise that is closed; None where there is none."""
+    span = float(joined[0]) - 1.0
+    return (float(joined[0]) - float(joined[1])) / span if span > 0.1 else None
+
+
+def _interval(squares: Array, rows: Rows) -> list[float] | None:
+    """Low and high of the share that is closed; None from fewer than two blocks."""
+    begins = np.arange(0, len(rows), BLOCK)
+    if len(begins) < 2:
+        return None
+    blocks = np.add.reduceat(squares, begins, axis=1)
+    lengths = np.add.reduceat(rows, begins)
+    drawn = np.random.default_rng(0).integers(len(begins), size=(DRAWS, len(begins)))
+    shares = []
+    for draw in drawn:
+        share = _shrink(_joined(np.sqrt(blocks[:, draw].sum(1) / lengths[draw].sum())))
+        if share is not None:
+            shares.append(share)
+    if len(shares) < DRAWS / 2:
+        return None
+    return [float(np.quantile(shares, (1 - LEVEL) / 2)), float(np.quantile(shares, (1 + LEVEL) / 2))]
