@@ -12,9 +12,11 @@ from hdagen import verdict
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.gap import gap
+from hdagen.diagnosis.missing import look
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.whereabouts import where
 from hdagen.log import Log
 from hdagen.plant import load
 from hdagen.repair import prepared
@@ -64,6 +66,7 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
     if content["gap"]["before"] < NOISE or content["gap"]["after"] >= content["gap"]["before"]:
         content |= {"verdict": [], "sure": False, "where": [], "parameters": {}}  # it does not stand up to other motion
         after, content["gap"] = before, gap(before, before, held_out, cut)
+    content["where"] = where(look(robot, content, held_out, before, after), content, cut)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(log, held_out, hold_out is None) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut)

@@ -11,6 +11,7 @@ from hdagen.diagnosis.candidates import PRESENT, Dictionary
 from hdagen.diagnosis.decide import SURE, Decision
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
+from hdagen.diagnosis.separators import separate_by
 from hdagen.plant import Arm, Parameter
 
 LIKELY = 0.01  # probability from which another cause is named as confounded
@@ -75,7 +76,7 @@ def _cause(
         "probability": probability,
         "parameters": {k.removesuffix(suffix) if suffix else k: v for k, v in parameters.items()},
         "confounded_with": confounded,
-        "separate_by": "",
+        "separate_by": separate_by(name, confounded),
     }
 
 

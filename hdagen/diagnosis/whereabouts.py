@@ -1,0 +1,256 @@
+"""Where the gap lies: joint and place with their share of what the verdict closes, and when it shows.
+
+A share is what comes back when one thing is taken out of the model after the verdict, an effect or the base parameters
+of one place, in windows that begin where the replay after the verdict says. Shares are taken of the logarithm of the
+gap, as the gap itself is a geometric mean, and sum to 1.
+
+Legend: T rows, W windows, K instants.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hdagen import late
+from hdagen.diagnosis.missing import Missing, Sight
+from hdagen.diagnosis.regimes import LEAST, Regressor, concentrated, explained
+from hdagen.plant import Array
+from hdagen.readings import limits, mechanical
+from hdagen.replay import acted_on, driven_by
+
+PLACES = ("input", "motor", "transmission", "link", "sensor")
+FEW = 0.01  # a share of base parameters below which a place is not named
+STEP = 1e-3  # s, of integration
+_SPRINGS = ("flexspline_", "wave_generator_", "torsional_")
+_LINKS = ("mass_", "center_of_mass_", "inertia_", "length_", "gravity_", "payload_")
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What is taken out: its name, joint, place, and its places in p."""
+
+    name: str
+    joint: int
+    place: str
+    own: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The missing quantity that shows a place best: ``before`` and ``after`` the verdict and what the verdict's effect
+    ``adds`` (K,), at the instants ``at`` of a sight that count (K of them)."""
+
+    words: str
+    unit: str
+    before: Array
+    after: Array
+    adds: Array
+    at: np.ndarray
+
+
+def where(sight: Sight, content: Mapping[str, Any], first: int) -> list[dict[str, Any]]:
+    """`where` of a diagnosis.json: the verdict's effects in its order, then what the base parameters close from row
+    ``first`` of the log on."""
+    verdict = content["verdict"]
+    if verdict and verdict[0].startswith("unknown"):
+        return [_unknown(sight, int(verdict[0].partition("@")[2]), first)]
+    parts = _parts(sight, verdict)
+    shares = _shares(sight, parts, first)
+    effects = [k for k, part in enumerate(parts) if part.name in verdict]
+    others = sorted((k for k in range(len(parts)) if k not in effects and shares[k] >= FEW), key=lambda k: -shares[k])
+    entries = []
+    for k in (*effects, *others):
+        part = parts[k]
+        said = _when(sight, part) if k in effects else f"Base parameters, {part.name}, within their tolerance."
+        entries.append({"joint": part.joint, "place": part.place, "share": round(shares[k], 4), "when": said})
+    return entries
+
+
+def place_of(sight: Sight, entry: str) -> str:
+    """The place of an effect by name@joint, as its equation states."""
+    effect = entry.partition("@")[0]
+    return next((str(e["place"]) for e in sight.arm.manifest["effects"] if e["name"] == effect), "motor")
+
+
+def _parts(sight: Sight, verdict: list[str]) -> list[Part]:
+    parts = [Part(e, int(e.partition("@")[2]), place_of(sight, e), sight.own.get(e, ())) for e in verdict]
+    taken = {place for part in parts for place in part.own}
+    groups: dict[tuple[int, str], list[int]] = {}
+    for k, q in enumerate(sight.arm.parameters.described.values()):
+        if k not in taken and sight.before[k] != sight.after[k]:
+            groups.setdefault((q.joint, _base_place(q.name)), []).append(k)
+    names = list(sight.arm.parameters.described)
+    for (joint, place), own in groups.items():
+        called = ", ".join(names[k].removesuffix(f"_{joint}").replace("_", " ") for k in own)
+        parts.append(Part(called, joint, place, tuple(own)))
+    return parts
+
+
+def _base_place(name: str) -> str:
+    if name.startswith(_SPRINGS):
+        return "transmission"
+    return "link" if name.startswith(_LINKS) else "motor"
+
+
+def _shares(sight: Sight, parts: list[Part], first: int) -> list[float]:
+    """Of the closed gap (one for each part, from 0; they sum to 1)."""
+    whole = _gap(sight, sight.after, first)
+    back = []
+    for part in parts:
+        p = sight.after.copy()
+        p[list(part.own)] = sight.before[list(part.own)]
+        back.append(max(_gap(sight, p, first) - whole, 0.0))
+    total = sum(back)
+    if total <= 0:
+        return [1.0 if k == 0 else 0.0 for k in range(len(parts))]
+    return [b / total for b in back]
+
+
+def _gap(sight: Sight, p: Array, first: int) -> float:
+    """Logarithm of the gap, in multiples of noise, of windows that begin where the replay after the verdict says."""
+    arm, log, after = sight.arm, sight.log, sight.replays[1]
+    arm._prepare(p)
+    inputs, _ = driven_by(arm, log, "command")
+    acting, shown = acted_on(arm, log, inputs, "command")
+    ends = np.append(after.starts[1:], len(log))
+    dt = np.append(np.diff(log.time), log.period)
+    begun = after.states[after.starts][:, : mechanical(arm)]
+    x = arm.windows(begun, np.stack([after.starts, ends], 1), acting, dt, STEP, limits(arm), None)
+    seen = late.read(arm, log.time, x, shown)
+    logs = []
+    for name in after.errors:
+        quantity, _, j = name.rpartition("_")
+        if noise := after.noise.get(name):
+            read = seen[quantity][:, int(j) - 1] if quantity in seen else shown[:, int(j) - 1]
+            if quantity == "motor_torque" and arm.input_names[int(j) - 1].startswith("motor_current"):
+                read = read * arm.parameters.described[f"torque_constant_{j}"].nominal
+            wrong = float(np.sqrt(np.mean((read - log[name])[first:] ** 2)))
+            logs.append(math.log(max(wrong / noise, 1.0)))
+    return float(np.mean(logs))
+
+
+def _unknown(sight: Sight, joint: int, first: int) -> dict[str, Any]:
+    """A gap that no effect explains: its place is where most torque is missing, its share that of what is left."""
+    left = sight.missing(sight.after)
+    place = "motor"
+    if left.link is not None:
+        sizes = [np.sqrt(np.mean(side[sight.kept, joint - 1] ** 2)) for side in (left.motor, left.link)]
+        place = "link" if sizes[1] / abs(sight.ratio[joint - 1]) > sizes[0] else "motor"
+    after = sight.replays[1]
+    squares: dict[int, float] = {}
+    for name in after.errors:
+        if after.noise.get(name):
+            j = int(name.rpartition("_")[2])
+            error = (after.columns[name] - sight.log[name])[first:] / after.noise[name]
+            squares[j] = squares.get(j, 0.0) + float(error @ error)
+    part = Part(f"unknown@{joint}", joint, place, ())
+    share = squares.get(joint, 0.0) / max(sum(squares.values()), 1e-300)
+    return {"joint": joint, "place": place, "share": round(share, 4), "when": _when(sight, part)}
+
+
+def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:
+    """What is missing, as it shows at ``place`` of ``joint``, with what the effect ``entry`` adds there."""
+    j, less, ok = joint - 1, sight.without(entry), sight.kept
+    if place == "input" and f"motor_current_{joint}" in sight.log and f"motor_current_command_{joint}" in sight.log:
+        name, log = f"motor_current_{joint}", sight.log
+        before, after = (
+            sight.smooth(sight.on_grid(log[name] - r.columns[name])[:, None])[ok, 0] for r in sight.replays
+        )
+        shown = []
+        for p in (sight.after, less):
+            sight.arm._prepare(p)
+            inputs, _ = driven_by(sight.arm, log, "command")
+            shown.append(acted_on(sight.arm, log, inputs, "command")[1][:, j])
+        adds = sight.smooth(sight.on_grid(shown[0] - shown[1])[:, None])[ok, 0]
+        return Trace(f"current of motor {joint} beyond the model's", "A", before, after, adds, ok)
+    before, after, added = _kept(sight), _kept(sight, sight.after), sight.added(sight.after, less)
+    if before.link is None or added.link is None or place in ("input", "motor"):
+        words = f"torque missing at motor {joint}"
+        return Trace(words, "N m", before.motor[ok, j], after.motor[ok, j], added.motor[ok, j], ok)
+    assert after.link is not None
+    if place == "sensor":
+        slope = sight.slope(sight.after)[ok, j]
+        read = sight.read_error(sight.after, less)[ok, j]
+        words = f"angle that the encoder of joint {joint} reads too much"
+        left = after.link[ok, j] / slope
+        return Trace(words, "rad", before.link[ok, j] / slope, left, read, ok)
+    words = f"torque missing at link {joint}"
+    return Trace(words, "N m", before.link[ok, j], after.link[ok, j], added.link[ok, j], ok)
+
+
+def _kept(sight: Sight, p: Array | None = None) -> Missing:
+    return sight.missing(sight.before if p is None else p)
+
+
+def regressors(sight: Sight, joint: int, at: np.ndarray) -> list[Regressor]:
+    """What a missing quantity may go with at the instants ``at`` (K,)."""
+    column, torque = sight.column, sight.link_torque(sight.after)
+    angle, speed = column("motor_position", joint), column("motor_velocity", joint)
+    current = sight.inputs(sight.after)[:, joint - 1]
+    rate = sight.grid.rate(sight.grid.smooth(current))
+    unit = "A" if sight.arm.input_names[joint - 1].startswith("motor_current") else "N m"
+    listed = [
+        Regressor("the motor's speed", "rad/s", speed, True),
+        Regressor("the load on the transmission", "N m", torque[:, joint - 1], True),
+        Regressor("the joint's angle", "rad", column("joint_position", joint)),
+        Regressor("the angle within a turn of the motor", "rad", np.mod(angle, 2 * np.pi)),
+        Regressor("the joint's acceleration", "rad/s²", sight.acceleration[1][:, joint - 1], True),
+        Regressor("the motor's input", unit, current, True),
+        Regressor("the rate of the motor's input", f"{unit}/s", rate, True),
+        Regressor("the time since the last reversal", "s", since_reversal(sight, joint)),
+        Regressor("time", "s", sight.time - sight.time[0]),
+    ]
+    return [Regressor(r.name, r.unit, r.values[at], r.size) for r in listed]
+
+
+def since_reversal(sight: Sight, joint: int) -> Array:
+    """Time since the motor last changed its direction (K,), s; from the log's begin on where it has not yet."""
+    direction = sight.direction[:, joint - 1]
+    moving = np.flatnonzero(direction)
+    turned = moving[1:][np.diff(direction[moving]) != 0]
+    last = np.searchsorted(turned, np.arange(len(direction)), side="right") - 1
+    begun = np.where(last >= 0, turned[np.maximum(last, 0)] if len(turned) else 0, 0)
+    return np.asarray(sight.time - sight.time[begun])
+
+
+def _when(sight: Sight, part: Part) -> str:
+    """One sentence: with what the missing quantity goes, and where its energy lies, each with its significance."""
+    joint = max(part.joint, 1)
+    seen = trace(sight, part.place, joint, part.name)
+    unknown = part.name.startswith("unknown")
+    quantity = seen.after if unknown else seen.after + seen.adds
+    energy = seen.after**2 if unknown else quantity**2 - seen.after**2
+    around = regressors(sight, joint, seen.at)
+    goes = next((e for e in explained(quantity, around) if e.p <= LEAST), None)
+    sits = next((c for c in concentrated(energy, around) if c.p <= LEAST), None)
+    begin = f"The {seen.words} ({_rms(quantity):.2g} {seen.unit} rms)"
+    if goes is None and sits is None:
+        return f"{begin} is spread over all speeds, loads, angles and times: no regime stands out (p > {LEAST:g})."
+    said = []
+    if goes is not None:
+        said.append(f"goes with {goes.regressor.name}, which explains {100 * goes.share:.0f} % of it {_p(goes.p)}")
+    if sits is not None:
+        said.append(_lies(sits))
+    return f"{begin} {', and '.join(said)}."
+
+
+def _lies(sits: Any) -> str:
+    name = f"the size of {sits.regressor.name}" if sits.regressor.size else sits.regressor.name
+    side = "below" if sits.below else "above"
+    return (
+        f"{min(100 * sits.share, 100):.0f} % of its energy lies where {name} is {side} {sits.edge:.3g} "
+        f"{sits.regressor.unit}, {100 * sits.part:.0f} % of the time {_p(sits.p)}"
+    )
+
+
+def _p(p: float) -> str:
+    return f"(p = {p:.2g})"
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
