@@ -1,4 +1,5 @@
-"""The report: verdict and gap first, then the candidates, measured against model, parameters, and how to reproduce."""
+"""The report: verdict and gap first, then how sure, where, the effect's own picture, measured against model,
+parameters, what is left, the data, and how to reproduce."""
 
 from __future__ import annotations
 
@@ -6,6 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.diagnosis.diagnose import Diagnosis
+from hdagen.diagnosis.maps import COLORS, maps
+from hdagen.diagnosis.missing import Sight, look
+from hdagen.diagnosis.pictures import pictures
+from hdagen.diagnosis.whiteness import LAGS, of_replay
 from hdagen.log import Log
 from hdagen.pages import page
 from hdagen.pages.bars import Bars, bars
@@ -15,10 +20,14 @@ from hdagen.pages.table import table
 from hdagen.replay import Replay
 
 SHOWN = 8  # candidates in the figures
+LIKELY = 0.01  # probability from which a candidate's own text is shown
+RARE = 1e-3  # probability below which a hypothesis is not listed
+TOLD = (0.5, 0.9)  # posterior by prior width, up to which the data said much, and a little
+LAG = 0.25  # s, of the correlations of what is left
 
 
 def sentence(content: dict[str, Any]) -> str:
-    """The verdict in one sentence."""
+    """The verdict in one sentence, how sure it is, and the gap in another."""
     gap, named = content["gap"], content["verdict"]
     if not named:
         what = "No effect above the size that counts was found"
@@ -26,43 +35,76 @@ def sentence(content: dict[str, Any]) -> str:
         joint = named[0].partition("@")[2]
         what = f"Joint {joint} misses something that no known effect explains"
     else:
-        p = next(h["probability"] for h in content["hypotheses"] if h["effects"] == named)
-        effect, _, joint = named[0].partition("@")
-        at = f"on joint {joint}" if joint != "0" else "of the whole arm"
-        what = f"{effect.replace('_', ' ').capitalize()} {at} is missing (probability {p:.2f}, not calibrated)"
+        p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) == sorted(named)), None)
+        each = " and ".join(words(entry) for entry in named)
+        sized = "" if p is None else f" (probability {p:.2f}{_calibrated(content)})"
+        what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
     sure = "" if content["sure"] else "; this is not sure"
-    return (
-        f"{what}{sure}. On held-out motion the gap goes from {gap['before']:.3g} to {gap['after']:.3g} times the noise."
-    )
+    line = f"{what}{sure}. On held-out motion the gap goes from {gap['before']:.3g} "
+    line += f"to {gap['after']:.3g} times the noise"
+    if gap["shrink"] is not None:
+        interval = gap["interval"]
+        spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
+        line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
+    if gap["achievable"] is not None:
+        line += f"; a flexible correction reaches {gap['achievable']:.3g}"
+    return f"{line}."
+
+
+def words(entry: str) -> str:
+    """name@joint as people say it."""
+    effect, _, joint = entry.partition("@")
+    return f"{effect.replace('_', ' ')} {f'on joint {joint}' if joint != '0' else 'of the whole arm'}"
+
+
+def _calibrated(content: dict[str, Any]) -> str:
+    return "" if content.get("method", {}).get("calibrated") else ", not calibrated"
 
 
 def write(diagnosis: Diagnosis, path: Path) -> None:
     """report.html."""
-    content = diagnosis.content
+    content, held = diagnosis.content, diagnosis.held_out
+    sight = look(diagnosis.robot, content, held, diagnosis.before, diagnosis.after)
     page.write(
         path,
         f"Diagnosis of {content['robot']['name']}",
         sentence(content),
-        [_gap(content), _candidates(content), _motion(diagnosis), _parameters(content), _data(content)],
-        f"    hdagen diagnose {diagnosis.robot} {content['data']['log']}",
+        [
+            _gap(content),
+            _candidates(content),
+            *_where(sight, content),
+            _motion(held, diagnosis.before, diagnosis.after, diagnosis.first),
+            _parameters(sight, content),
+            _left(held, diagnosis.before, diagnosis.after, diagnosis.first),
+            _data(content),
+        ],
+        _again(diagnosis.robot, content),
     )
 
 
 def _gap(content: dict[str, Any]) -> Section:
     gap = content["gap"]
     channels = gap["by_channel"]
+    names, values = ["before", "after"], [gap["before"], gap["after"]]
+    if gap["achievable"] is not None:
+        names, values = [*names, "best achievable"], [*values, gap["achievable"]]
     whole = bars(
         "Gap on held-out motion",
-        ["before", "after", "floor (noise alone)"],
-        [Bars("gap", [gap["before"], gap["after"], gap["floor"]])],
-        value_label="replay error (multiples of noise)",
+        names,
+        [Bars("", values)],
+        value_label="replay error in multiples of noise",
+        levels=[(gap["floor"], "floor: noise alone")],
         log=True,
+        caption="Best achievable: a flexible correction without any structure, fitted to the same data."
+        if gap["achievable"] is not None
+        else "",
     )
     by = bars(
         "Gap by channel",
-        list(channels),
-        [Bars(when, [c[when] for c in channels.values()]) for when in ("before", "after")],
-        value_label="replay error (multiples of noise)",
+        [name.replace("_", " ") for name in channels],
+        [Bars(when, [c[when] for c in channels.values()], color=COLORS[when]) for when in ("before", "after")],
+        value_label="replay error in multiples of noise",
+        levels=[(gap["floor"], "noise alone")],
         log=True,
     )
     text = (
@@ -73,57 +115,208 @@ def _gap(content: dict[str, Any]) -> Section:
 
 
 def _candidates(content: dict[str, Any]) -> Section:
-    rows = [[" and ".join(h["effects"]) or "none", h["probability"]] for h in content["hypotheses"]]
+    rows = [[" and ".join(words(e) for e in h["effects"]) or "none", h["probability"]] for h in content["hypotheses"]]
     shown = rows[:SHOWN]
-    chart = bars(
-        "Most probable hypotheses",
-        [str(r[0]) for r in shown],
-        [Bars("probability", [float(r[1]) for r in shown])],
-        value_label="probability, not calibrated (1)",
-    )
+    figures = [
+        bars(
+            "Most probable hypotheses",
+            [str(r[0]) for r in shown],
+            [Bars("", [float(r[1]) for r in shown])],
+            value_label=f"probability{_calibrated(content)}",
+        )
+    ]
+    pairs: list[list[str | float | None]] = [
+        [words(f"{c['effect']}@{c['joint']}"), ", ".join(words(o) for o in c["confounded_with"]), c["separate_by"]]
+        for c in content["causes"]
+        if c["confounded_with"] and (c["probability"] >= LIKELY or f"{c['effect']}@{c['joint']}" in content["verdict"])
+    ]
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance "
         "and every other effect within a small size. An effect below 15 % of its usual size counts as none."
     )
-    return Section("What is missing", text, [chart, table("All hypotheses", ["hypothesis", "probability"], rows)])
+    if pairs:
+        said = [f"{a[0].upper()}{a[1:]} may also be {b}. {how}" for a, b, how in pairs]  # type: ignore[index]
+        text += "\n\nWhat this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
+    else:
+        text += "\n\nNothing else explains this log nearly as well: no pair is confounded."
+    named = max(sum(float(r[1]) >= RARE for r in rows), 3)
+    rest = f"The other {len(rows) - named} hold less than {RARE:g} each." if len(rows) > named else ""
+    figures.append(table("Hypotheses", ["hypothesis", "probability"], rows[:named], caption=rest))
+    return Section("How sure", text, figures)
 
 
-def _motion(diagnosis: Diagnosis) -> Section:
-    log, n, first = diagnosis.held_out, diagnosis.held_out.n_joints, diagnosis.first
-    shown = []
-    for j in range(1, n + 1):
-        for quantity in ("motor_position", "joint_position"):
+def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
+    """Where the gap lies, and the picture of each effect that is named."""
+    entries, verdict = content["where"], content["verdict"]
+    main = entries[0] if entries else {"joint": 1, "place": "motor"}
+    joint = max(main["joint"], 1)
+    figures = []
+    known = [e for e in entries if e["share"] is not None]
+    if known:
+        names = [
+            verdict[k] if k < len(verdict) else f"base parameters, {e['place']} {e['joint'] or ''}".strip()
+            for k, e in enumerate(known)
+        ]
+        figures.append(
+            bars(
+                "Share of the closed gap by joint and place",
+                [n if "@" not in n else f"{words(n)} ({e['place']})" for n, e in zip(names, known, strict=True)],
+                [Bars("", [e["share"] for e in known])],
+                value_label="share (1)",
+                caption="What comes back when it is taken out of the model after the verdict, of all that comes back.",
+            )
+        )
+    figures += maps(sight, joint, main["place"], verdict[0] if verdict else "")
+    said = "\n\n".join(e["when"] for e in entries[: max(len(verdict), 1)] if e["when"])
+    balance = (
+        "Missing torque is what the measured motion needs beyond what the model gives in the measured states, through "
+        "one filter for both; it needs no replay."
+    )
+    sections = [Section("Where and when", f"{said}\n\n{balance}" if said else balance, figures)]
+    drawn = []
+    for k, entry in enumerate(verdict or [f"none@{joint}"]):
+        drawn += pictures(sight, entry, entries[k]["place"] if k < len(entries) else main["place"])
+    heading = "What is missing, by what it goes with" if not verdict or "unknown" in verdict[0] else "The effect itself"
+    return [Section(heading, "", drawn), *sections] if verdict else [*sections, Section(heading, "", drawn)]
+
+
+def _motion(log: Log, before: Replay, after: Replay, first: int) -> Section:
+    """Measured less model for each joint, zoomable; their cursors move together."""
+    figures = []
+    for j in range(1, log.n_joints + 1):
+        shown = []
+        for quantity in ("motor_position", "joint_position", "motor_current", "motor_torque"):
             name = f"{quantity}_{j}"
-            if name in log:
-                shown.append(Panel(f"{name} error (rad)", _errors(log, name, diagnosis.before, diagnosis.after, first)))
-    chart = panels("Measured less model, before and after", log.time[first:], shown)
-    return Section("Measured against model", "Windows begin anew at the measured state every 0.25 s.", [chart])
+            if name in before.errors and name in after.errors:
+                label = f"{quantity.replace('_', ' ')} error ({_unit(quantity)})"
+                shown.append(Panel(label, _errors(log, name, before, after, first)))
+        figures.append(panels(f"Joint {j}: measured less model", log.time[first:], shown, link="motion"))
+    return Section(
+        "Measured against model",
+        "Windows begin anew every 0.25 s at the state that earlier measurements give; within a window nothing measured "
+        "counts. Drag to zoom, double click to go back.",
+        figures,
+    )
+
+
+def _unit(quantity: str) -> str:
+    return {"motor_current": "A", "motor_torque": "N m"}.get(quantity, "rad")
 
 
 def _errors(log: Log, name: str, before: Replay, after: Replay, first: int) -> list[Series]:
     return [
-        Series("before", (log[name] - before.columns[name])[first:]),
-        Series("after", (log[name] - after.columns[name])[first:]),
+        Series("before", (log[name] - before.columns[name])[first:], color="orange", dash="solid"),
+        Series("after", (log[name] - after.columns[name])[first:], color="blue", dash="solid"),
     ]
 
 
-def _parameters(content: dict[str, Any]) -> Section:
+def _parameters(sight: Sight, content: dict[str, Any]) -> Section:
+    """Prior and posterior of each, and whether the data said anything."""
     rows: list[list[str | float | None]] = []
     for cause in content["causes"]:
-        if f"{cause['effect']}@{cause['joint']}" in content["verdict"]:
-            rows += [[f"{cause['effect']}@{cause['joint']}: {k}", *_cells(v)] for k, v in cause["parameters"].items()]
-    rows += [[name, *_cells(value)] for name, value in content["parameters"].items()]
-    return Section(
-        "Parameters", "As re-estimated with the verdict.", [table("Parameters", ["name", "value", "std", "unit"], rows)]
+        entry = f"{cause['effect']}@{cause['joint']}"
+        if entry in content["verdict"]:
+            suffix = f"_{cause['joint']}" if cause["joint"] else ""
+            rows += [_row(sight, k + suffix, v) for k, v in cause["parameters"].items()]
+    count = len(rows)
+    rows += [_row(sight, name, value) for name, value in content["parameters"].items()]
+    columns = ["name", "robot file", "± prior", "fitted", "± std", "unit", "ratio", "said"]
+    text = (
+        "As re-estimated with the verdict. The prior of a base parameter is its tolerance about the robot file's "
+        "value; that of an effect's size is what is usually met. Ratio: posterior by prior width; where it is 1 the "
+        "data said nothing."
     )
+    if count:
+        text += f" The first {count} are those of the verdict's effects."
+    return Section("Parameters", text, [table("Parameters", columns, rows, digits=3)])
 
 
-def _cells(estimate: dict[str, Any]) -> list[str | float | None]:
-    return [estimate["value"], estimate["std"], estimate["unit"]]
+def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float | None]:
+    q = sight.arm.parameters.described.get(name)
+    std, unit = estimate.get("std"), estimate.get("unit", "")
+    if q is None:
+        return [name, None, None, estimate["value"], std, unit, None, "–"]
+    prior = q.tolerance * abs(q.nominal) or (q.typical or None)
+    told = None if std is None or not prior else std / prior
+    if told is None:
+        said = "no width" if std is None else "–"
+    else:
+        said = "much" if told < TOLD[0] else "a little" if told < TOLD[1] else "nothing"
+    return [name, q.nominal, prior, estimate["value"], std, unit, told, said]
+
+
+def _left(log: Log, before: Replay, after: Replay, first: int) -> Section:
+    """Whether what is left is noise."""
+    lags = max(LAGS, min(round(LAG / log.period), (len(log) - first) // 3))
+    if len(log) - first <= 2 * lags:
+        return Section("What is left", "The held-out motion is too short for a test of whiteness.")
+    each = [of_replay(seen, log, first, lags) for seen in (before, after)]
+    rows: list[list[str | float | None]] = []
+    figures = []
+    for name in each[1]:
+        a, b = each[0][name], each[1][name]
+        rows.append([name.replace("_", " "), a.correlation[1], b.correlation[1], a.statistic, b.statistic, b.p])
+    shown = [
+        Panel(
+            "correlation",
+            [
+                Series("before", each[0][name].correlation, color="orange", dash="dashed"),
+                Series("after", each[1][name].correlation, color="blue", dash="solid"),
+            ],
+            name.replace("_", " "),
+            levels=[(each[1][name].bound, ""), (-each[1][name].bound, "")],
+        )
+        for name in each[1]
+    ]
+    time = [k * log.period for k in range(lags + 1)]
+    figures.append(
+        panels("Autocorrelation of the replay error", time, shown, x_label="lag (s)", columns=2, share_y=True)
+    )
+    columns = ["channel", "at lag 1, before", "at lag 1, after", f"Ljung–Box Q({LAGS}), before", "after", "p after"]
+    figures.append(table("Is what is left white?", columns, rows, digits=3))
+    text = (
+        "A model that is right leaves noise, each sample by itself: correlations within the two lines. An error in "
+        "position grows over a window and is correlated whatever its size; the less of it is left, the more the noise "
+        "shows."
+    )
+    return Section("What is left", text, figures)
 
 
 def _data(content: dict[str, Any]) -> Section:
+    """Rate, what was lost, repaired, missing; noise and step of every channel."""
     data = content["data"]
-    said = [*data["warnings"], *data["notes"]]
-    lines = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz.", *said]
-    return Section("The data", "\n\n".join(lines))
+    lost = (
+        f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, jitter {100 * data.get('jitter', 0):.2g} %"
+    )
+    lines_ = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {lost}."]
+    for heading, key in (
+        ("Repaired", "repaired"),
+        ("Not logged", "missing"),
+        ("Warnings", "warnings"),
+        ("Skews", "skews"),
+        ("Notes", "notes"),
+    ):
+        lines_ += [f"{heading}: {said}" for said in data.get(key, ())]
+    figures = []
+    if channels := data.get("channels"):
+        rows: list[list[str | float | None]] = [
+            [name.replace("_", " "), c["low"], c["high"], c["noise"], c["step"] or None] for name, c in channels.items()
+        ]
+        figures.append(table("Channels", ["channel", "lowest", "highest", "noise (std)", "step"], rows, digits=3))
+    if lags := data.get("lags"):
+        rows = [[name.replace("_", " "), value] for name, value in lags.items()]
+        figures.append(table("Measured inputs behind their commands", ["channel", "lag (s)"], rows, digits=3))
+    return Section("The data", "\n\n".join(lines_), figures)
+
+
+def _again(robot: str, content: dict[str, Any]) -> str:
+    log, held = content["data"]["log"], content["data"]["held_out"]
+    other = "" if held.startswith("the last") else f" --hold-out {held}"
+    digest = content["robot"].get("sha256")
+    return (
+        f"    hdagen diagnose {robot} {log}{other}\n"
+        f"    hdagen replay {robot} {log} --with diagnosis.json --out predicted.parquet\n"
+        f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
+        + (f"The robot file's SHA-256 is {digest}. " if digest else "")
+        + "The same input gives the same diagnosis."
+    )

@@ -41,7 +41,7 @@ GROUPS = (  # the narrowest first: the first that holds both is taken
     ),
     _group(
         "torque_constant payload viscous_friction thermal_friction",
-        "swap a known payload, and let the joint coast down without current at both temperatures: the mass shows in the "
+        "swap a known payload, and let the joint coast down without current, cold and warm: the mass shows in the "
         "first, friction alone in the second, and the torque constant only while current flows.",
     ),
     _group(
@@ -80,7 +80,7 @@ GROUPS = (  # the narrowest first: the first that holds both is taken
         "to the angle, periodic errors come back, torque and springs play no part.",
     ),
 )
-SAME_KIND = "move one joint while the others are held still, and the same for each of them: what belongs to a joint stays with it."
+SAME_KIND = "move one joint while the others are held still, each in turn: what belongs to a joint stays with it."
 OTHERWISE = (
     "record a motion that reverses, sweeps the speed in both directions, changes the load and holds still at several "
     "poses."

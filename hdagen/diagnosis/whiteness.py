@@ -1,7 +1,7 @@
 """Whether a replay error is white: what a model that is right leaves is noise, each sample by itself.
 
-An error within a window grows from its first row on, so nothing that is left is quite white; how much less correlated it
-is after than before says whether structure is gone.
+An error within a window grows from its first row on, so nothing that is left is quite white; how much less correlated
+it is after than before says whether structure is gone.
 
 Source: Ljung, Box, Biometrika 65 (1978) 297.
 """

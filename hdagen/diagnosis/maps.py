@@ -1,0 +1,225 @@
+"""Maps of where a gap lies: speed × load, motor angle, frequency, reversals, time, before and after the verdict.
+
+Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70 (spectra by segments); Carter, Proc. IEEE 75 (1987) 236
+(coherence, and what noise alone reaches).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.diagnosis.missing import Sight
+from hdagen.diagnosis.whereabouts import Trace, trace
+from hdagen.pages.curves import Panel, Series, panels
+from hdagen.pages.heat import heat
+from hdagen.plant import Array
+
+SPEEDS, LOADS = 18, 10  # cells of the map
+FEWEST = 5  # samples of a cell
+ANGLES = 72  # of a motor turn
+ORDERS = 24  # a motor turn
+SEGMENT = 1.0  # s, of a spectrum
+PASSED = 0.4  # of the filter's first zero, up to which a spectrum is drawn
+ABOUT = 0.15  # s before and after a reversal
+STEPS = 60  # of time in the log
+COLORS = {"before": "orange", "after": "blue"}
+CHANCE = 0.05  # that noise alone exceeds the line of coherence
+
+
+def maps(sight: Sight, joint: int, place: str, entry: str) -> list[str]:
+    """All maps of one joint, of the quantity that shows ``place`` best."""
+    seen = trace(sight, place, joint, entry)
+    found = _speed_load(sight, joint, seen)
+    found += [_angle(sight, joint, seen), _orders(sight, joint, seen)]
+    found += [_frequency(sight, joint, seen), *_reversals(sight, joint, seen), _time(sight, place, entry)]
+    return found
+
+
+def _value(seen: Trace) -> str:
+    """Name of what is drawn."""
+    return {"A": "current error", "N m": "missing torque", "rad": "missing angle"}[seen.unit]
+
+
+def _series(label: str, y: Array, band: tuple[Array, Array] | None = None) -> Series:
+    """A curve before or after the verdict, in its colour."""
+    return Series(label, y, COLORS[label], "dashed" if label == "before" else "solid", band_of=band)
+
+
+def _speed_load(sight: Sight, joint: int, seen: Trace) -> list[str]:
+    speed = sight.column("motor_velocity", joint)[seen.at]
+    load = sight.link_torque(sight.after)[seen.at, joint - 1]
+    if np.ptp(speed) == 0 or np.ptp(load) == 0:
+        return []
+    x, y = (np.linspace(v.min(), v.max(), n + 1) for v, n in ((speed, SPEEDS), (load, LOADS)))
+    count, *_ = np.histogram2d(load, speed, (y, x))
+    cells = []
+    for values in (seen.before, seen.after):
+        squares, *_ = np.histogram2d(load, speed, (y, x), weights=values**2)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            cells.append(np.where(count >= FEWEST, np.sqrt(squares / count), np.nan))
+    return [
+        heat(
+            f"{_value(seen).capitalize()} of joint {joint} over speed and load, {when} the verdict",
+            x,
+            y,
+            cell,
+            x_label="motor speed (rad/s)",
+            y_label="load on the transmission (N m)",
+            value_label=f"{_value(seen)}, rms ({seen.unit})",
+            caption="Mind the scale: each map has its own." if when == "after" else "",
+        )
+        for when, cell in zip(("before", "after"), cells, strict=True)
+    ]
+
+
+def _angle(sight: Sight, joint: int, seen: Trace) -> str:
+    """Means over the angle within a turn of the motor, with twice their standard error."""
+    angle = np.mod(sight.column("motor_position", joint)[seen.at], 2 * np.pi)
+    edges = np.linspace(0, 2 * np.pi, ANGLES + 1)
+    number = np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, ANGLES - 1)
+    count = np.bincount(number, minlength=ANGLES)
+    series = []
+    for label, values in (("before", seen.before), ("after", seen.after)):
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.bincount(number, values, ANGLES) / count
+            error = 2 * np.sqrt(np.maximum(np.bincount(number, values**2, ANGLES) / count - mean**2, 0) / count)
+        mean[count < FEWEST] = np.nan
+        series.append(_series(label, mean, (mean - error, mean + error)))
+    return panels(
+        f"{_value(seen).capitalize()} of joint {joint} over the motor's angle",
+        (edges[1:] + edges[:-1]) / 2,
+        [Panel(f"mean {_value(seen)} ({seen.unit})", series, height=1.3)],
+        x_label="motor angle within a turn (rad)",
+        caption="Band: twice the standard error, as if samples were independent.",
+    )
+
+
+def _orders(sight: Sight, joint: int, seen: Trace) -> str:
+    """Amplitudes of what goes with multiples of the motor's angle, all orders and a constant fitted at once."""
+    angle = sight.column("motor_position", joint)[seen.at]
+    k = np.arange(1, ORDERS + 1)
+    matrix = np.hstack([np.ones((len(angle), 1)), np.cos(angle[:, None] * k), np.sin(angle[:, None] * k)])
+    series = []
+    for label, values in (("before", seen.before), ("after", seen.after)):
+        found = np.linalg.lstsq(matrix, values, rcond=1e-6)[0]
+        series.append(_series(label, np.hypot(found[1 : ORDERS + 1], found[ORDERS + 1 :])))
+    return panels(
+        f"{_value(seen).capitalize()} of joint {joint} by order of the motor's angle",
+        k,
+        [Panel(f"amplitude ({seen.unit})", series, height=1.3)],
+        x_label="order (cycles a turn of the motor)",
+        caption="At high speed the filter of the balance takes high orders away, in log and model alike.",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Of a series: ``frequency`` (F,), Hz; ``density`` (F,), unit/√Hz; ``coherence`` (F,) with another series."""
+
+    frequency: Array
+    density: Array
+    coherence: Array
+    segments: int
+
+
+def spectrum(values: Array, other: Array, period: float, segment: float = SEGMENT) -> Spectrum:
+    """By segments of ``segment`` s that overlap by half, each less its mean and under Hann's window."""
+    rows = min(len(values), max(16, round(segment / period)))
+    begins = np.arange(0, len(values) - rows + 1, max(rows // 2, 1))
+    window = np.hanning(rows)
+
+    def transformed(series: Array) -> Array:
+        parts = np.stack([series[b : b + rows] for b in begins])
+        return np.asarray(np.fft.rfft((parts - parts.mean(1, keepdims=True)) * window, axis=1))
+
+    a, b = transformed(values), transformed(other)
+    power, of_other = (np.abs(a) ** 2).mean(0), (np.abs(b) ** 2).mean(0)
+    cross = np.abs((a * b.conj()).mean(0)) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        coherence = np.where(power * of_other > 0, cross / (power * of_other), 0.0)
+    density = np.sqrt(2 * power * period / (window @ window))
+    return Spectrum(np.fft.rfftfreq(rows, period), density, coherence, len(begins))
+
+
+def _frequency(sight: Sight, joint: int, seen: Trace) -> str:
+    """Densities before and after, and the coherence with the motor's input."""
+    first, last = np.flatnonzero(seen.at)[[0, -1]]
+    period = sight.grid.period
+    inputs = sight.grid.smooth(sight.inputs(sight.after)[:, joint - 1])
+    full = []
+    for values in (seen.before, seen.after):
+        whole = np.zeros(len(sight.time))
+        whole[seen.at] = values
+        full.append(spectrum(whole[first : last + 1], inputs[first : last + 1], period))
+    upper = PASSED / (sight.grid.width * period)
+    drawn = (full[0].frequency > 0) & (full[0].frequency <= upper)
+    independent = (full[0].segments + 1) / 2
+    level = 1 - CHANCE ** (1 / (independent - 1)) if independent > 1 else 1.0
+    return panels(
+        f"{_value(seen).capitalize()} of joint {joint} over frequency",
+        full[0].frequency[drawn],
+        [
+            Panel(
+                f"density ({seen.unit}/√Hz)",
+                [_series(label, s.density[drawn]) for label, s in zip(("before", "after"), full, strict=True)],
+                log=True,
+            ),
+            Panel(
+                "coherence with the motor's input",
+                [_series(label, s.coherence[drawn]) for label, s in zip(("before", "after"), full, strict=True)],
+                levels=[(level, f"noise alone, {100 * (1 - CHANCE):.0f} %")],
+            ),
+        ],
+        x_label="frequency (Hz)",
+        caption=f"{full[0].segments} segments of {SEGMENT:g} s. What goes with the input, in a straight line, has a "
+        "coherence near 1: a gain, an inertia, a lag. Friction and periodic effects have little.",
+    )
+
+
+def _reversals(sight: Sight, joint: int, seen: Trace) -> list[str]:
+    """Rms about the instants at which the motor turns."""
+    direction = sight.direction[:, joint - 1]
+    moving = np.flatnonzero(direction)
+    turned = moving[1:][np.diff(direction[moving]) != 0]
+    period = sight.grid.period
+    reach = max(round(ABOUT / period), 3)
+    index = np.full(len(sight.time), -1)
+    index[seen.at] = np.arange(int(seen.at.sum()))
+    turned = turned[(turned >= reach) & (turned < len(sight.time) - reach)]
+    if len(turned) < 2:
+        return []
+    rows = index[turned[:, None] + np.arange(-reach, reach + 1)]
+    rows = rows[(rows >= 0).all(1)]
+    if not len(rows):
+        return []
+    series = [
+        _series(label, np.sqrt((values[rows] ** 2).mean(0)))
+        for label, values in (("before", seen.before), ("after", seen.after))
+    ]
+    return [
+        panels(
+            f"{_value(seen).capitalize()} of joint {joint} about reversals",
+            np.arange(-reach, reach + 1) * period,
+            [Panel(f"{_value(seen)}, rms ({seen.unit})", series, height=1.3)],
+            x_label="time after the motor turns (s)",
+            caption=f"Over {len(rows)} reversals.",
+        )
+    ]
+
+
+def _time(sight: Sight, place: str, entry: str) -> str:
+    """Rms over the log, every joint."""
+    shown, edges = [], np.linspace(sight.time[0], sight.time[-1], STEPS + 1)
+    for joint in range(1, sight.n + 1):
+        seen = trace(sight, place, joint, entry)
+        number = np.clip(np.searchsorted(edges, sight.time[seen.at], side="right") - 1, 0, STEPS - 1)
+        count = np.bincount(number, minlength=STEPS)
+        series = []
+        for label, values in (("before", seen.before), ("after", seen.after)):
+            with np.errstate(invalid="ignore", divide="ignore"):
+                mean = np.sqrt(np.bincount(number, values**2, STEPS) / count)
+            series.append(_series(label, np.where(count >= FEWEST, mean, np.nan)))
+        shown.append(Panel(f"{_value(seen)}, rms ({seen.unit})", series, f"joint {joint}"))
+    return panels("Where in the log", (edges[1:] + edges[:-1]) / 2 - sight.time[0], shown, share_y=True)

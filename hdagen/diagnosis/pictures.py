@@ -1,0 +1,328 @@
+"""The effect's own picture: what the log shows of it, as points, and the fitted curve through them.
+
+The points are what is missing once the effect is taken out of the model after the verdict: what the log has beyond base
+parameters and everything else. The curve is what the effect adds in the model, along the same motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.diagnosis.missing import Sight
+from hdagen.diagnosis.regimes import explained
+from hdagen.diagnosis.whereabouts import Trace, regressors, since_reversal, trace
+from hdagen.pages.curves import Curve, Panel, Plane, Series, panels, planes
+from hdagen.plant import Array
+from hdagen.replay import acted_on, driven_by
+
+POINTS = 2500  # of the log in a plane
+BINS = 60  # of a curve
+FEWEST = 5  # points of a bin
+GROWTH = 2.5  # power by which bins grow from standstill on
+NEAR = 0.5  # of the filter's width about a reversal, in which friction of both signs mixes
+SCENE = 0.25  # s, of a stretch of commands and currents
+UNKNOWN = 3  # regressors that are drawn where no effect is named
+TURN = 2 * np.pi
+
+BY_SPEED = ("coulomb_friction", "viscous_friction", "stribeck_friction", "asymmetric_friction", "quadratic_friction")
+BY_INPUT = ("current_saturation", "voltage_sag", "current_loop_lag", "command_delay")
+BY_TORSION = (
+    "transmission_hysteresis",
+    "stiffness",
+    "backlash",
+    "joint_damping",
+    "missing_compliance",
+    "kinematic_torsion",
+    "transmission_ratio",
+)
+
+
+@dataclass(frozen=True)
+class Abscissa:
+    """What a quantity is drawn over: label with unit, and values (K,) at the instants of a sight."""
+
+    label: str
+    of: Callable[[Sight, int], Array]
+
+
+def _state(quantity: str) -> Callable[[Sight, int], Array]:
+    return lambda sight, j: sight.column(quantity, j)
+
+
+def _acceleration(sight: Sight, j: int) -> Array:
+    return sight.acceleration[1][:, j - 1]
+
+
+def _turn(sight: Sight, j: int) -> Array:
+    return np.asarray(np.mod(sight.column("motor_position", j), TURN))
+
+
+def _since(sight: Sight, joint: int) -> Array:
+    """How far the motor has gone since it last turned (K,), rad."""
+    angle, since = sight.column("motor_position", joint), since_reversal(sight, joint)
+    turned = np.searchsorted(sight.time, sight.time - since - 0.5 * sight.grid.period)
+    return np.asarray(np.abs(angle - angle[np.clip(turned, 0, len(angle) - 1)]))
+
+
+INPUT = Abscissa("motor input ({input})", lambda sight, j: sight.inputs(sight.after)[:, j - 1])
+OVER = {  # of missing torque or angle, by effect
+    "torque_ripple": Abscissa("motor angle within a turn (rad)", _turn),
+    "kinematic_error": Abscissa("motor angle within a turn (rad)", _turn),
+    "torque_constant": INPUT,
+    "current_bias": Abscissa("motor speed (rad/s)", _state("motor_velocity")),
+    "rotor_coupling": Abscissa("acceleration of joint 1 (rad/s²)", lambda sight, j: _acceleration(sight, 1)),
+    "payload": Abscissa("joint acceleration (rad/s²)", _acceleration),
+    "link_flexibility": Abscissa("joint acceleration (rad/s²)", _acceleration),
+    "base_compliance": Abscissa("joint acceleration (rad/s²)", _acceleration),
+    "sensor_delay": Abscissa("joint speed (rad/s)", _state("joint_velocity")),
+}
+ALONG = {  # of friction as what opposes the motion, by effect
+    "load_dependent_friction": Abscissa("load (N m)", lambda sight, j: sight.link_torque(sight.after)[:, j - 1]),
+    "position_dependent_friction": Abscissa("joint angle (rad)", _state("joint_position")),
+    "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
+    "presliding_friction": Abscissa("motor angle since the last reversal (rad)", _since),
+}
+REACH = 2.0  # rad of the motor after a reversal that are drawn
+
+
+def pictures(sight: Sight, entry: str, place: str) -> list[str]:
+    """The figures of ``entry`` (name@joint) of a verdict, or of what is missing where it is unknown."""
+    effect, _, number = entry.partition("@")
+    joints = [int(number)] if int(number) else list(range(1, sight.n + 1))
+    if effect in ("unknown", "none"):
+        return [_unknown(sight, place, joint) for joint in joints]
+    if effect in BY_INPUT:
+        return [figure for joint in joints for figure in _input(sight, entry, joint)]
+    if effect in BY_SPEED or effect in ALONG:
+        return [_friction(sight, entry, joint) for joint in joints]
+    if effect in BY_TORSION and sight.split:
+        return [_loop(sight, entry, joint) for joint in joints]
+    over = OVER.get(effect, Abscissa("joint angle (rad)", _state("joint_position")))
+    return [_plain(sight, entry, place, over, joints)]
+
+
+def _plain(sight: Sight, entry: str, place: str, over: Abscissa, joints: Sequence[int]) -> str:
+    """Missing torque or angle over one thing, a plane for each joint."""
+    shown, label = [], ""
+    for joint in joints:
+        seen = trace(sight, place, joint, entry)
+        x = over.of(sight, joint)[seen.at]
+        label = f"{_noun(seen)} ({seen.unit})"
+        shown.append(Plane(_points_and_fit(x, seen.after + seen.adds, seen.adds), f"joint {joint}"))
+    unit = "A" if sight.arm.input_names[0].startswith("motor_current") else "N m"
+    x_label = over.label.replace("{input}", unit)
+    return planes(_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=CAPTION)
+
+
+CAPTION = (
+    "Points: what the log has beyond the base parameters and everything else of the verdict. Dashed: mean of the "
+    "points in narrow bins. Solid: what the effect adds in the model with the fitted parameters."
+)
+
+
+def _noun(seen: Trace) -> str:
+    return {"A": "current beyond command", "N m": "missing torque", "rad": "missing angle"}[seen.unit]
+
+
+def _points_and_fit(x: Array, y: Array, fit: Array, split: bool = False) -> list[Curve]:
+    """Points, their means, and the fit's means, which are drawn as lines; ``split``: apart for each sign of x."""
+    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), POINTS)).round().astype(int))
+    return [
+        Curve("log", x[few], y[few], draw="points", color="grey", width=1.6),
+        Curve("mean of the log", *means(x, y, split), color="blue", dash="dashed"),
+        Curve("model with the effect", *means(x, fit, split), color="vermilion", dash="solid", width=2.4),
+    ]
+
+
+def means(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
+    """Mean x and y in bins of x of equal width, NaN where there are few points; ``split``: bins grow from x = 0 to both
+    sides, with a gap there."""
+    low, high = float(x.min()), float(x.max())
+    if high <= low:
+        return np.array([low]), np.array([float(y.mean())])
+    edges = np.linspace(low, high, BINS + 1)
+    if split and low < 0 < high:
+        grown = np.linspace(0, 1, BINS // 2 + 1) ** GROWTH
+        edges = np.unique(np.r_[low * grown, high * grown])
+    number = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+    count = np.bincount(number, minlength=len(edges) - 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        middle = np.bincount(number, x, len(edges) - 1) / count
+        mean = np.bincount(number, y, len(edges) - 1) / count
+    mean[count < FEWEST] = np.nan
+    middle = np.where(count < FEWEST, (edges[1:] + edges[:-1]) / 2, middle)
+    if split and low < 0 < high:
+        at = int(np.searchsorted(edges, 0.0))
+        middle, mean = np.insert(middle, at, 0.0), np.insert(mean, at, np.nan)
+    return middle, mean
+
+
+def _friction(sight: Sight, entry: str, joint: int) -> str:
+    """All friction of a motor over speed, or what opposes its motion over what the effect depends on."""
+    effect, j, ok = entry.partition("@")[0], joint - 1, sight.kept & _slides(sight, joint)
+    bare = sight.without(entry)
+    names = list(sight.arm.parameters.described)
+    for name in ("coulomb_friction", "viscous_friction"):
+        bare[names.index(f"{name}_{joint}")] = 0.0
+    fit = -sight.added(sight.after, bare).motor[ok, j]
+    left = -sight.missing(sight.after).motor[ok, j]
+    beyond = -sight.added(sight.after, _as_in_the_file(sight, bare, joint)).motor[ok, j]
+    robot = fit - beyond
+    over = ALONG.get(effect)
+    if over is None:
+        x, label, side = sight.column("motor_velocity", joint)[ok], "motor speed (rad/s)", np.ones(int(ok.sum()))
+    else:
+        x, label, side = over.of(sight, joint)[ok], over.label, sight.direction[ok, j]
+    if effect == "presliding_friction":
+        near = x <= REACH
+        x, side, fit, left, robot = x[near], side[near], fit[near], left[near], robot[near]
+    split = over is None
+    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), POINTS)).round().astype(int))
+    y = (fit + left) * side
+    curves = [
+        Curve("log", x[few], y[few], draw="points", color="grey", width=1.6),
+        Curve("mean of the log", *means(x, y, split), color="blue", dash="dashed"),
+        Curve("robot file", *means(x, robot * side, split), color="green", dash="dotted"),
+        Curve("model with the effect", *means(x, fit * side, split), color="vermilion", dash="solid", width=2.4),
+    ]
+    what = "friction torque" if over is None else "friction against the motion"
+    return planes(
+        _title(entry),
+        [Plane(curves, f"motor {joint}")],
+        x_label=label,
+        y_label=f"{what} (N m)",
+        equal=False,
+        caption="Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal "
+        "are left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the effect "
+        "at its fitted parameters.",
+    )
+
+
+def _slides(sight: Sight, joint: int) -> np.ndarray:
+    """Where the motor moves in one direction through most of the filter (K,)."""
+    direction = sight.direction[:, joint - 1]
+    reach = max(round(NEAR * sight.grid.width), 1)
+    good = direction != 0
+    for step in range(1, reach + 1):
+        good[step:] &= direction[step:] == direction[:-step]
+        good[:-step] &= direction[:-step] == direction[step:]
+    return good
+
+
+def _as_in_the_file(sight: Sight, bare: Array, joint: int) -> Array:
+    """``bare`` with Coulomb and viscous friction as in the robot file."""
+    p, names = bare.copy(), list(sight.arm.parameters.described)
+    for name in ("coulomb_friction", "viscous_friction"):
+        place = names.index(f"{name}_{joint}")
+        p[place] = sight.before[place]
+    return p
+
+
+def _loop(sight: Sight, entry: str, joint: int) -> str:
+    """Torque over torsion: what the links ask of the transmission, and the model's before and after."""
+    j, ok = joint - 1, sight.kept
+    torsion = sight.smooth(
+        (sight.column("motor_position", joint) / sight.ratio[j] - sight.column("joint_position", joint))[:, None]
+    )[ok, 0]
+    needed = sight.link_torque(sight.after)[ok, j]
+    curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=1.4)]
+    for label, p, color, dash in (
+        ("robot file", sight.before, "green", "dotted"),
+        ("model with the effect", sight.after, "vermilion", "solid"),
+    ):
+        link = sight.missing(p).link
+        assert link is not None  # both sides are measured here
+        curves.append(Curve(label, torsion, sight.link_torque(p)[ok, j] - link[ok, j], color=color, dash=dash))
+    return planes(
+        _title(entry),
+        [Plane(curves, f"joint {joint}")],
+        x_label="torsion (rad)",
+        y_label="transmitted torque (N m)",
+        equal=False,
+        caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle. The "
+        "model's torque is that of its springs and effects at the measured states.",
+    )
+
+
+def _input(sight: Sight, entry: str, joint: int) -> list[str]:
+    """Command against current: a stretch of time where commands change fastest, and one over the other."""
+    log, column = sight.log, f"motor_current_command_{joint}"
+    if column not in log or f"motor_current_{joint}" not in log:
+        return [
+            _plain(sight, entry, "motor", Abscissa("motor input", lambda s, j: s.inputs(s.after)[:, j - 1]), [joint])
+        ]
+    shown = []
+    for p in (sight.before, sight.after):
+        sight.arm._prepare(p)
+        shown.append(acted_on(sight.arm, log, driven_by(sight.arm, log, "command")[0], "command")[1][:, joint - 1])
+    command, measured = log[column], log[f"motor_current_{joint}"]
+    rows = max(round(SCENE / log.period), 20)
+    change = np.convolve(np.abs(shown[1] - shown[0]), np.ones(rows), "valid")
+    span = slice(int(np.argmax(change)), int(np.argmax(change)) + rows)
+    scene = panels(
+        f"{_title(entry)}: command and current",
+        log.time[span],
+        [
+            Panel(
+                "current (A)",
+                [
+                    Series("command", command[span], color="ink", draw="step", dash="dotted"),
+                    Series("measured", measured[span], color="grey", dash="solid"),
+                    Series("robot file", shown[0][span], color="green", dash="dashed"),
+                    Series("model with the effect", shown[1][span], color="vermilion", dash="solid", width=2.4),
+                ],
+                f"motor {joint}",
+                height=1.8,
+            )
+        ],
+        caption=f"The {SCENE:g} s in which the effect changes most.",
+    )
+    late = entry.startswith(("command_delay", "current_loop_lag"))
+    x = np.gradient(command, log.time) if late else command
+    before, after = shown[0] if late else np.zeros(len(x)), shown[1]
+    curves = _points_and_fit(x, measured - before, after - before)
+    return [
+        scene,
+        planes(
+            f"{_title(entry)}: current over command",
+            [Plane(curves, f"motor {joint}")],
+            x_label="rate of the command (A/s)" if late else "command (A)",
+            y_label="measured less undelayed current (A)" if late else "current (A)",
+            equal=False,
+            caption="The slope is the delay, s, with its sign reversed." if late else "",
+        ),
+    ]
+
+
+def _unknown(sight: Sight, place: str, joint: int) -> str:
+    """What no effect explains, over the three things that it goes with most."""
+    seen = trace(sight, place, joint, "")
+    best = explained(seen.after, regressors(sight, joint, seen.at))[:UNKNOWN]
+    few = np.unique(np.linspace(0, len(seen.after) - 1, min(len(seen.after), POINTS)).round().astype(int))
+    figures = [
+        planes(
+            f"What is missing at joint {joint}, over {e.regressor.name}",
+            [
+                Plane(
+                    [
+                        Curve("log", e.regressor.values[few], seen.after[few], draw="points", color="grey", width=1.6),
+                        Curve("mean", *means(e.regressor.values, seen.after), color="blue", dash="solid"),
+                    ]
+                )
+            ],
+            x_label=f"{e.regressor.name.removeprefix('the ')} ({e.regressor.unit})",
+            y_label=f"{_noun(seen)} ({seen.unit})",
+            equal=False,
+            caption=f"Its bins explain {100 * e.share:.0f} % of the variance (p = {e.p:.2g} by circular shifts).",
+        )
+        for e in best
+    ]
+    return "".join(figures)
+
+
+def _title(entry: str) -> str:
+    effect, _, joint = entry.partition("@")
+    return f"{effect.replace('_', ' ').capitalize()}{f' of joint {joint}' if joint != '0' else ''}"
