@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.optimize
 import scipy.stats
 
 from hdagen import verdict
@@ -69,6 +70,25 @@ def test_first_states_and_torques_are_those_of_ridge_regression(s: float) -> Non
         ridge = np.diag([0.0] * m + [1.0 / s**2] * k if s else [0.0] * m)
         x = np.linalg.solve(inner.T @ inner + ridge, inner.T @ left)
         np.testing.assert_allclose(np.concatenate([begun[w], torque[w]]), x, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_most_probable_within_bounds_is_that_of_bounded_least_squares(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    linear, _, _, _, many = problem(rng)
+    reduced, prior, kappa2 = linear.reduced(0.3), rng.uniform(0.1, 1.0, many), 1.7
+    low, high = np.array([-np.inf, -0.01, 0.0, 0.0]), np.array([0.0, 0.01, np.inf, 0.0])
+    H = reduced.N / kappa2 + np.diag(1.0 / prior**2)
+    root = np.linalg.cholesky(H).T
+    truth = scipy.optimize.lsq_linear(
+        root, np.linalg.solve(root.T, reduced.b / kappa2), (low - 1e-12, high + 1e-12), tol=1e-14
+    ).x
+    at = posterior(reduced, prior, 0.3, kappa2, (low, high))
+    np.testing.assert_allclose(at.mean, truth, atol=1e-7)
+    assert at.evidence <= posterior(reduced, prior, 0.3, kappa2).evidence
+    far = np.full(many, 1e9)
+    free, loose = posterior(reduced, prior, 0.3, kappa2), posterior(reduced, prior, 0.3, kappa2, (-far, far))
+    assert loose.evidence == free.evidence and np.array_equal(loose.mean, free.mean)
 
 
 def test_a_hold_out_that_is_the_log_and_a_short_log_are_refused(

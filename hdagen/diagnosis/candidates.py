@@ -73,6 +73,16 @@ class Dictionary:
         """Prior standard deviations (P) with nothing free."""
         return np.array([c.spike for c in self.columns])
 
+    def bounds(self, arm: Arm) -> tuple[Array, Array]:
+        """Lowest and highest θ (P)."""
+        described = list(arm.parameters.described.values())
+        ends = [
+            sorted((end - c.center) / c.unit for end in (described[c.index].low, described[c.index].high))
+            for c in self.columns
+        ]
+        low, high = np.array(ends).T
+        return low, high
+
     def free(self, atoms: tuple[int, ...]) -> np.ndarray:
         """Columns that are free when ``atoms`` are."""
         return np.array([c for c, column in enumerate(self.columns) if column.atom in atoms], int)

@@ -1,7 +1,9 @@
 """The decision: probabilities of the hypotheses, what counts as present, and what no effect explains.
 
-Log evidence is divided by TEMPERATURE before it becomes a probability: residuals of a real machine are not independent.
-The temperature is not calibrated yet, and diagnosis.json says so.
+Log evidence is divided by a temperature before it becomes a probability. Residuals of a real machine are not
+independent, and where the best hypothesis leaves more than noise, what is left would be worth as much evidence to a
+better one: an effect must explain more than stays unexplained. The temperature is not calibrated, and diagnosis.json
+says so.
 """
 
 from __future__ import annotations
@@ -14,10 +16,13 @@ from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
 
-TEMPERATURE = 3.0
+TEMPERATURE = 3.0  # at least
 NONE = 0.5  # prior probability of no effect
 FURTHER = 0.3  # that there is one more
-UNKNOWN = 1.0  # size of unexplained torque, in its unit (2 % of the usual motor torque), from where a gap is left
+# size of unexplained torque, in its unit (2 % of the usual motor torque), and scale of the noise, at which it is as
+# probable as not that something unknown is at work
+UNKNOWN = 1.0, 2.0
+NEGLIGIBLE = 0.25  # of that, squared, below which it is not counted
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
 
 
@@ -67,7 +72,8 @@ def decide(search: Search) -> Decision:
         evidence.setdefault(names, evidence[()] + min(s.evidence - linear, 0.0))
     count = sum(len(names) == 1 for names in evidence)
     top = max(evidence.values())
-    weight = {names: _prior(len(names), count) * np.exp((e - top) / TEMPERATURE) for names, e in evidence.items()}
+    temperature = max(TEMPERATURE, search.fitted[0].clean - top)
+    weight = {names: _prior(len(names), count) * np.exp((e - top) / temperature) for names, e in evidence.items()}
     for names in sorted(fits, key=len, reverse=True):
         large = tuple(name for name, size in sizes(fits[names]).items() if size >= PRESENT)
         if len(large) < len(names):  # too small to count: the same as without it
@@ -76,11 +82,16 @@ def decide(search: Search) -> Decision:
             weight[names] = 0.0
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
-    best = fits.get(order[0]) or search.fitted[0]
-    verdict = order[0]
-    if best.score.at.s >= UNKNOWN:
-        verdict = (f"unknown@{int(np.argmax(best.unexplained)) + 1}",)
-    hypotheses = (Hypothesis(names, float(weight[names] / total), fits.get(names)) for names in order)
+    left = search.fitted[0]  # what even the best of all leaves
+    strange = max(left.score.at.s / UNKNOWN[0], np.sqrt(left.score.at.kappa2) / UNKNOWN[1]) ** 2
+    unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE else 0.0
+    hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), fits.get(names)) for names in order]
+    joint = int(np.argmax(left.unexplained)) + 1
+    if unknown:
+        hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
+        hypotheses.sort(key=lambda h: -h.probability)
+    best = left if unknown > 0.5 else fits.get(order[0]) or left
+    verdict = (f"unknown@{joint}",) if unknown > 0.5 else order[0]
     return Decision(tuple(hypotheses), verdict, best)
 
 

@@ -23,12 +23,13 @@ from hdagen.diagnosis.linear import Linear, Reduced
 from hdagen.plant import Array
 
 TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 11)])  # s, in units of unexplained torque
+MOST_CHANGES = 20  # of what is held at its bounds
 SCALES = 3  # of the noise that are tried at each s
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """θ under spikes alone at one (s, κ): mean (P), covariance (P, P), log evidence."""
+    """θ at one (s, κ): mean, or most probable within bounds (P), covariance (P, P), log evidence."""
 
     s: float
     kappa2: float
@@ -47,29 +48,37 @@ class Scored:
     at: Posterior
 
 
-def posteriors(linear: Linear, spike: Array, near: float | None = None) -> list[Posterior]:
+Bounds = tuple[Array, Array]  # lowest and highest θ (P)
+
+
+def posteriors(
+    linear: Linear,
+    spike: Array,
+    near: float | None = None,
+    bounds: Bounds | None = None,
+) -> list[Posterior]:
     """The posterior at every size s of unexplained torque, each with the noise as stated and as large as it looks; with
     ``near`` at the sizes about that one, as far as they get better."""
     if near is None:
-        return [one for s in TORQUES for one in _at(linear, spike, s)]
+        return [one for s in TORQUES for one in _at(linear, spike, s, bounds)]
     here = int(np.argmin(np.abs(TORQUES - near)))
-    made = {k: _at(linear, spike, TORQUES[k]) for k in range(max(here - 1, 0), min(here + 2, len(TORQUES)))}
+    made = {k: _at(linear, spike, TORQUES[k], bounds) for k in range(max(here - 1, 0), min(here + 2, len(TORQUES)))}
     best = {k: max(one.evidence for one in found) for k, found in made.items()}
     for step in (-1, 1):
         k = here + step
         while k in best and best[k] == max(best.values()) and 0 <= k + step < len(TORQUES):
             k += step
-            made[k] = _at(linear, spike, TORQUES[k])
+            made[k] = _at(linear, spike, TORQUES[k], bounds)
             best[k] = max(one.evidence for one in made[k])
     return [one for k in sorted(made) for one in made[k]]
 
 
-def _at(linear: Linear, spike: Array, s: float) -> list[Posterior]:
+def _at(linear: Linear, spike: Array, s: float, bounds: Bounds | None) -> list[Posterior]:
     """The posterior at one size of unexplained torque, with the noise as stated and as large as it looks."""
     reduced, found = linear.reduced(float(s)), []
     kappa2 = 1.0
     for _ in range(SCALES):
-        found.append(posterior(reduced, spike, float(s), kappa2))
+        found.append(posterior(reduced, spike, float(s), kappa2, bounds))
         left = found[-1].left
         if left < 1.05 * kappa2:
             break
@@ -77,8 +86,9 @@ def _at(linear: Linear, spike: Array, s: float) -> list[Posterior]:
     return found
 
 
-def posterior(reduced: Reduced, spike: Array, s: float, kappa2: float) -> Posterior:
-    """θ under prior standard deviations ``spike`` (P)."""
+def posterior(reduced: Reduced, spike: Array, s: float, kappa2: float, bounds: Bounds | None = None) -> Posterior:
+    """θ under prior standard deviations ``spike`` (P). With ``bounds`` the most probable θ lies within them, and the
+    evidence is that of Laplace's approximation there; without, it is exact."""
     V = spike[:, None] * spike
     factor = scipy.linalg.cho_factor(reduced.N * V / kappa2 + np.eye(len(spike)), lower=True)
     covariance = scipy.linalg.cho_solve(factor, np.eye(len(spike))) * V
@@ -89,8 +99,33 @@ def posterior(reduced: Reduced, spike: Array, s: float, kappa2: float) -> Poster
         + reduced.logdet
         + reduced.freedom * np.log(kappa2)
     )
+    if bounds is not None:
+        within = bounded(reduced, kappa2, spike, mean, bounds)
+        log -= 0.5 * (reduced.cost(within, kappa2, spike) - reduced.cost(mean, kappa2, spike))
+        mean = within
     chi2 = reduced.c - 2 * float(reduced.b @ mean) + float(mean @ reduced.N @ mean)
     return Posterior(s, kappa2, mean, covariance, log, chi2 / reduced.freedom)
+
+
+def bounded(reduced: Reduced, kappa2: float, prior: Array, free: Array, bounds: Bounds) -> Array:
+    """The most probable θ within ``bounds``, ``free`` being that without them.
+
+    What leaves its bounds is held there, and let go again where its slope points inwards; the rest is solved anew.
+    """
+    low, high = bounds
+    H, g = reduced.N / kappa2 + np.diag(1.0 / prior**2), reduced.b / kappa2
+    theta, held = free.copy(), np.zeros(len(free), bool)
+    for _ in range(MOST_CHANGES):
+        outside = ~held & ((theta < low) | (theta > high))
+        slope = H @ theta - g
+        back = held & np.where(theta <= low, slope < 0, slope > 0) & (low < high)
+        if not outside.any() and not back.any():
+            break
+        held = (held & ~back) | outside
+        theta = np.clip(theta, low, high)
+        left = ~held
+        theta[left] = np.linalg.solve(H[np.ix_(left, left)], g[left] - H[np.ix_(left, held)] @ theta[held])
+    return np.clip(theta, low, high)
 
 
 def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:

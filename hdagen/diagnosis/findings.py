@@ -20,7 +20,8 @@ LIKELY = 0.01  # probability from which another cause is named as confounded
 def findings(arm: Arm, found: Search, decision: Decision) -> dict[str, Any]:
     """All of diagnosis.json that the fit says; the gap, the robot and the data are added by who has them."""
     words, described, best = found.words, arm.parameters.described, decision.best
-    likely = {name: decision.marginal(name) for name in dict.fromkeys(n for h in decision.hypotheses for n in h.names)}
+    named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown"))
+    likely = {name: decision.marginal(name) for name in named}
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)

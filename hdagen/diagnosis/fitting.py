@@ -14,7 +14,7 @@ import numpy as np
 
 from hdagen.diagnosis.candidates import SLAB, Dictionary
 from hdagen.diagnosis.design import KNOTS, Design, Point, chosen, design, renewed
-from hdagen.diagnosis.evidence import Scored, freed, posteriors, score
+from hdagen.diagnosis.evidence import Scored, posterior, posteriors
 from hdagen.plant import Array
 
 CHORDS = 3
@@ -30,6 +30,7 @@ class Fitted:
     design: Design
     score: Scored
     unexplained: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
+    clean: float  # log evidence that it would have if it left noise alone
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -38,9 +39,8 @@ class Fitted:
 
     @property
     def posterior(self) -> tuple[Array, Array]:
-        """Mean and covariance of θ."""
-        words = self.design.words
-        return freed(self.score.at, words.spike, words.free(self.atoms))
+        """The most probable θ within its bounds, and the covariance."""
+        return self.score.at.mean, self.score.at.covariance
 
 
 def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, start: Point | None = None) -> Fitted:
@@ -69,9 +69,21 @@ def advanced(fit: Fitted, words: Dictionary, every: bool = False) -> Fitted:
 
 def _scored(at: Design, atoms: tuple[int, ...], near: float) -> Fitted:
     linear = at.linear()
-    best = score(posteriors(linear, at.words.spike, near), at.words, [atoms])[0]
-    mean, _ = freed(best.at, at.words.spike, at.words.free(atoms))
-    return Fitted(atoms, at, best, _by_joint(at, linear.inner(best.at.s, mean)[1]))
+    prior, bounds = _prior(at, atoms), at.words.bounds(at.shooting.arm)
+    found = posteriors(linear, prior, near, bounds)
+    best = max(found, key=lambda one: one.evidence)
+    torque = linear.inner(best.s, best.mean)[1]
+    nothing = linear.reduced(0.0)
+    exact = posterior(nothing, prior, 0.0, 1.0, bounds)
+    clean = exact.evidence + 0.5 * (nothing.cost(exact.mean, 1.0, prior) - nothing.freedom)
+    return Fitted(atoms, at, Scored(atoms, best.evidence, best), _by_joint(at, torque), clean)
+
+
+def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
+    """Standard deviations of θ (P) with the effects of a hypothesis free."""
+    prior = at.words.spike
+    prior[at.words.free(atoms)] = SLAB
+    return prior
 
 
 def _by_joint(at: Design, torque: Array) -> Array:
@@ -85,27 +97,26 @@ def _by_joint(at: Design, torque: Array) -> Array:
 
 def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
     """Newton's steps with the columns kept, towards the most probable point of a hypothesis."""
-    words, s, kappa2 = at.words, lead.at.s, lead.at.kappa2
-    prior = words.spike
-    prior[words.free(atoms)] = SLAB
-    linear = at.linear()
+    words, s, kappa2, prior = at.words, lead.at.s, lead.at.kappa2, _prior(at, atoms)
+    bounds, linear = words.bounds(at.shooting.arm), at.linear()
+    old = words.theta(at.point.p)
     reduced = linear.reduced(s)
-    cost = reduced.cost(words.theta(at.point.p), kappa2, prior)
-    factor = np.linalg.inv(reduced.N / kappa2 + np.diag(1.0 / prior**2)) / kappa2
+    cost = reduced.cost(old, kappa2, prior)
     for _ in range(CHORDS):
-        theta, old = factor @ reduced.b, words.theta(at.point.p)
+        theta = posterior(reduced, prior, s, kappa2, bounds).mean
         begun = linear.inner(s, theta)[0]
         for share in SHARES:
             point = placed(at, old + share * (theta - old), at.point.begun + share * begun)
             trial = at.moved(point)
             there = trial.linear()
+            reached = words.theta(point.p)
             other = there.reduced(s)
-            value = other.cost(words.theta(point.p), kappa2, prior)
+            value = other.cost(reached, kappa2, prior)
             if value < cost:
                 break
         else:
             break
-        gain, at, linear, reduced, cost = cost - value, trial, there, other, value
+        gain, at, linear, reduced, cost, old = cost - value, trial, there, other, value, reached
         if gain < ENOUGH:
             break
     return at

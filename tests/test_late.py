@@ -1,0 +1,66 @@
+"""Encoders that are read late, against the angle that a ringing joint had then; across windows and gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from arms import arm as text
+from compiled import Compiled
+
+from hdagen import late
+from hdagen.plant import Arm
+
+Builder = Callable[..., Compiled]
+HERTZ, PERIOD = 120.0, 1e-3
+
+
+@pytest.fixture
+def arm(build: Builder) -> Arm:
+    return Arm(build(text("RR"), effects=("sensor_delay",)).folder)
+
+
+def ringing(arm: Arm, time: np.ndarray) -> np.ndarray:
+    """States with both joints ringing."""
+    x = np.zeros((len(time), arm.nx))
+    w = 2 * np.pi * HERTZ
+    for j in (1, 2):
+        x[:, arm.index(f"joint_position_{j}")] = 1e-3 * np.sin(w * time) + 0.3 * time
+        x[:, arm.index(f"joint_velocity_{j}")] = 1e-3 * w * np.cos(w * time) + 0.3
+    return x
+
+
+@pytest.mark.parametrize("delay", [3e-3, 4e-4, -2e-3])
+def test_a_late_reading_is_the_angle_of_then(arm: Arm, delay: float) -> None:
+    time = PERIOD * np.arange(200)
+    x, u = ringing(arm, time), np.zeros((200, arm.nu))
+    arm.parameters["sensor_delay_2"] = delay
+    seen = late.read(arm, time, x, u)["joint_position"]
+    assert arm.parameters["sensor_delay_2"] == delay
+    then = ringing(arm, time - delay)
+    inner = slice(5, -5)
+    truth = then[inner, arm.index("joint_position_2")]
+    assert np.abs(seen[inner, 1] - truth).max() < 2e-6  # of 1e-3; the series of the model errs by more than half
+    assert np.abs(arm.outputs(x, u)["joint_position"][inner, 1] - truth).max() > 50 * 2e-6
+    assert np.array_equal(seen[:, 0], x[:, arm.index("joint_position_1")])
+
+
+def test_a_path_knows_nothing_of_the_one_before_and_gaps_are_not_crossed(arm: Arm) -> None:
+    time = PERIOD * np.arange(100)
+    x, u = ringing(arm, time), np.zeros((100, arm.nu))
+    place = arm.index("joint_position_1")
+    x[50:, place] += 1.0  # another path
+    arm.parameters["sensor_delay_1"] = 2e-3
+    seen = late.read(arm, time, x, u, np.array([0, 50]))["joint_position"][:, 0]
+    assert np.abs(seen[50:] - x[50:, place]).max() < 0.01 and np.abs(seen[:50] - x[:50, place]).max() < 0.01
+    gap = np.concatenate([time[:50], time[50:] + 1.0])
+    far = late.read(arm, gap, x, u)["joint_position"][:, 0]
+    assert np.abs(far[50:] - x[50:, place]).max() < 0.01
+
+
+def test_without_a_delay_nothing_changes(arm: Arm) -> None:
+    time = PERIOD * np.arange(20)
+    x, u = ringing(arm, time), np.zeros((20, arm.nu))
+    for name, values in arm.outputs(x, u).items():
+        assert np.array_equal(late.read(arm, time, x, u)[name], values)
