@@ -139,8 +139,9 @@ def spectrum(values: Array, other: Array, period: float, segment: float = SEGMEN
     cross = np.abs((a * b.conj()).mean(0)) ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.where(power * of_other > 0, cross / (power * of_other), 0.0)
-    density = np.sqrt(2 * power * period / (window @ window))
-    return Spectrum(np.fft.rfftfreq(rows, period), density, coherence, len(begins))
+    density = np.sqrt(2 * power * period / float(window @ window))
+    frequency = np.asarray(np.fft.rfftfreq(rows, period), float)
+    return Spectrum(frequency, density, coherence, len(begins))
 
 
 def _frequency(sight: Sight, joint: int, seen: Trace) -> str:

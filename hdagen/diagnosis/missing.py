@@ -27,6 +27,7 @@ from hdagen.replay import Replay, acted_on, driven_by
 
 NARROW = 0.007  # s, of the boxcar before the velocity that friction sees: reversals stay where they are
 GAP = 3.5  # periods between rows, from where they are not neighbours
+NEAR = 0.5  # of the filter's width to each side of a reversal
 SMALL = 1e-3  # of the torque at full torsion, over which the spring's slope is taken
 
 
@@ -146,6 +147,11 @@ class Sight:
         acting[1:, :n] = (acting[1:, :n] + acting[:-1, :n]) / 2
         return np.stack([self.on_grid(column) for column in acting.T], 1)
 
+    def commanded(self, p: Array) -> tuple[Array, Array]:
+        """What the model makes of the commands, row by row: what acts and what a sensor of it shows (T, nu each)."""
+        self.arm._prepare(p)
+        return acted_on(self.arm, self.log, driven_by(self.arm, self.log, "command")[0], "command")
+
     def smooth(self, values: Array) -> Array:
         """Columns (K, k) through the filter that all of a balance pass."""
         return np.stack([self.grid.smooth(column) for column in values.T], 1)
@@ -166,6 +172,22 @@ class Sight:
         speed = np.stack([self.column("motor_velocity", j) for j in range(1, self.n + 1)], 1)
         noise = np.array([_jitter(self.column("motor_position", j), self.grid) for j in range(1, self.n + 1)])
         return np.where(np.abs(speed) > 3.0 * noise, np.sign(speed), 0.0)
+
+    def slides(self, joint: int) -> np.ndarray:
+        """Where a motor moves in one direction through most of the filter (K,): about a reversal friction of both signs
+        mixes."""
+        direction = self.direction[:, joint - 1]
+        good = direction != 0
+        for step in range(1, max(round(NEAR * self.grid.width), 1) + 1):
+            good[step:] &= direction[step:] == direction[:-step]
+            good[:-step] &= direction[:-step] == direction[step:]
+        return good
+
+    def sensed_torque(self, p: Array) -> Array:
+        """What the torque sensors of the joints read in the model (K, n), N m."""
+        x, u = self.states(p), self.inputs(p)
+        self.arm._prepare(p)
+        return self.smooth(self.arm.outputs(x, u)["joint_torque"])
 
     def rates(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Acceleration of motors (0 in rigid drives) and joints (K, n) that the model gives in states x, unfiltered."""

@@ -16,13 +16,12 @@ from hdagen.diagnosis.regimes import explained
 from hdagen.diagnosis.whereabouts import Trace, regressors, since_reversal, trace
 from hdagen.pages.curves import Curve, Panel, Plane, Series, panels, planes
 from hdagen.plant import Array
-from hdagen.replay import acted_on, driven_by
 
 POINTS = 2500  # of the log in a plane
 BINS = 60  # of a curve
 FEWEST = 5  # points of a bin
 GROWTH = 2.5  # power by which bins grow from standstill on
-NEAR = 0.5  # of the filter's width about a reversal, in which friction of both signs mixes
+SETTLED = 20  # rows of a log in which what was commanded before it may still act
 SCENE = 0.25  # s, of a stretch of commands and currents
 UNKNOWN = 3  # regressors that are drawn where no effect is named
 TURN = 2 * np.pi
@@ -56,6 +55,10 @@ def _acceleration(sight: Sight, j: int) -> Array:
     return sight.acceleration[1][:, j - 1]
 
 
+def _load(sight: Sight, j: int) -> Array:
+    return sight.link_torque(sight.after)[:, j - 1]
+
+
 def _turn(sight: Sight, j: int) -> Array:
     return np.asarray(np.mod(sight.column("motor_position", j), TURN))
 
@@ -77,13 +80,13 @@ OVER = {  # of missing torque or angle, by effect
     "payload": Abscissa("joint acceleration (rad/s²)", _acceleration),
     "link_flexibility": Abscissa("joint acceleration (rad/s²)", _acceleration),
     "base_compliance": Abscissa("joint acceleration (rad/s²)", _acceleration),
+    "torque_sensor_gain": Abscissa("load (N m)", _load),
     "sensor_delay": Abscissa("joint speed (rad/s)", _state("joint_velocity")),
 }
 ALONG = {  # of friction as what opposes the motion, by effect
-    "load_dependent_friction": Abscissa("load (N m)", lambda sight, j: sight.link_torque(sight.after)[:, j - 1]),
+    "load_dependent_friction": Abscissa("load (N m)", _load),
     "position_dependent_friction": Abscissa("joint angle (rad)", _state("joint_position")),
     "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
-    "presliding_friction": Abscissa("motor angle since the last reversal (rad)", _since),
 }
 REACH = 2.0  # rad of the motor after a reversal that are drawn
 
@@ -96,8 +99,10 @@ def pictures(sight: Sight, entry: str, place: str) -> list[str]:
         return [_unknown(sight, place, joint) for joint in joints]
     if effect in BY_INPUT:
         return [figure for joint in joints for figure in _input(sight, entry, joint)]
-    if effect in BY_SPEED or effect in ALONG:
+    if effect in (*BY_SPEED, "presliding_friction"):
         return [_friction(sight, entry, joint) for joint in joints]
+    if effect in ALONG:
+        return [_against(sight, entry, joint) for joint in joints]
     if effect in BY_TORSION and sight.split:
         return [_loop(sight, entry, joint) for joint in joints]
     over = OVER.get(effect, Abscissa("joint angle (rad)", _state("joint_position")))
@@ -109,9 +114,10 @@ def _plain(sight: Sight, entry: str, place: str, over: Abscissa, joints: Sequenc
     shown, label = [], ""
     for joint in joints:
         seen = trace(sight, place, joint, entry)
-        x = over.of(sight, joint)[seen.at]
+        clear = sight.slides(joint)[seen.at] if seen.words.endswith(f"motor {joint}") else np.ones(len(seen.adds), bool)
+        x, adds, left = over.of(sight, joint)[seen.at][clear], seen.adds[clear], seen.after[clear]
         label = f"{_noun(seen)} ({seen.unit})"
-        shown.append(Plane(_points_and_fit(x, seen.after + seen.adds, seen.adds), f"joint {joint}"))
+        shown.append(Plane(_points_and_fit(x, left + adds, adds), f"joint {joint}"))
     unit = "A" if sight.arm.input_names[0].startswith("motor_current") else "N m"
     x_label = over.label.replace("{input}", unit)
     return planes(_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=CAPTION)
@@ -161,55 +167,49 @@ def means(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
 
 
 def _friction(sight: Sight, entry: str, joint: int) -> str:
-    """All friction of a motor over speed, or what opposes its motion over what the effect depends on."""
-    effect, j, ok = entry.partition("@")[0], joint - 1, sight.kept & _slides(sight, joint)
-    bare = sight.without(entry)
+    """All friction of a motor over speed, or over the way since a reversal."""
+    effect, j, ok = entry.partition("@")[0], joint - 1, sight.kept & sight.slides(joint)
+    bare, by_speed = sight.without(entry), effect in BY_SPEED
     names = list(sight.arm.parameters.described)
     for name in ("coulomb_friction", "viscous_friction"):
         bare[names.index(f"{name}_{joint}")] = 0.0
     fit = -sight.added(sight.after, bare).motor[ok, j]
     left = -sight.missing(sight.after).motor[ok, j]
-    beyond = -sight.added(sight.after, _as_in_the_file(sight, bare, joint)).motor[ok, j]
-    robot = fit - beyond
-    over = ALONG.get(effect)
-    if over is None:
-        x, label, side = sight.column("motor_velocity", joint)[ok], "motor speed (rad/s)", np.ones(int(ok.sum()))
+    robot = fit + sight.added(sight.after, _as_in_the_file(sight, bare, joint)).motor[ok, j]
+    if by_speed:
+        x, label, side = sight.column("motor_velocity", joint)[ok], "motor speed (rad/s)", np.ones(len(fit))
     else:
-        x, label, side = over.of(sight, joint)[ok], over.label, sight.direction[ok, j]
-    if effect == "presliding_friction":
+        x, label, side = _since(sight, joint)[ok], "motor angle since the last reversal (rad)", sight.direction[ok, j]
         near = x <= REACH
         x, side, fit, left, robot = x[near], side[near], fit[near], left[near], robot[near]
-    split = over is None
-    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), POINTS)).round().astype(int))
-    y = (fit + left) * side
-    curves = [
-        Curve("log", x[few], y[few], draw="points", color="grey", width=1.6),
-        Curve("mean of the log", *means(x, y, split), color="blue", dash="dashed"),
-        Curve("robot file", *means(x, robot * side, split), color="green", dash="dotted"),
-        Curve("model with the effect", *means(x, fit * side, split), color="vermilion", dash="solid", width=2.4),
-    ]
-    what = "friction torque" if over is None else "friction against the motion"
+    curves = _points_and_fit(x, (fit + left) * side, fit * side, by_speed)
+    curves.insert(2, Curve("robot file", *means(x, robot * side, by_speed), color="green", dash="dotted"))
     return planes(
         _title(entry),
         [Plane(curves, f"motor {joint}")],
         x_label=label,
-        y_label=f"{what} (N m)",
+        y_label=f"{'friction torque' if by_speed else 'friction against the motion'} (N m)",
         equal=False,
         caption="Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal "
-        "are left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the effect "
-        "at its fitted parameters.",
+        "are left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the "
+        "effect at its fitted parameters.",
     )
 
 
-def _slides(sight: Sight, joint: int) -> np.ndarray:
-    """Where the motor moves in one direction through most of the filter (K,)."""
-    direction = sight.direction[:, joint - 1]
-    reach = max(round(NEAR * sight.grid.width), 1)
-    good = direction != 0
-    for step in range(1, reach + 1):
-        good[step:] &= direction[step:] == direction[:-step]
-        good[:-step] &= direction[:-step] == direction[step:]
-    return good
+def _against(sight: Sight, entry: str, joint: int) -> str:
+    """Friction beyond Coulomb's and the viscous one, over what the effect depends on."""
+    over, j, ok = ALONG[entry.partition("@")[0]], joint - 1, sight.kept & sight.slides(joint)
+    side = sight.direction[ok, j]
+    fit = -sight.added(sight.after, sight.without(entry)).motor[ok, j] * side
+    left = -sight.missing(sight.after).motor[ok, j] * side
+    return planes(
+        _title(entry),
+        [Plane(_points_and_fit(over.of(sight, joint)[ok], fit + left, fit), f"motor {joint}")],
+        x_label=over.label,
+        y_label="friction beyond the base's (N m)",
+        equal=False,
+        caption=f"Against the motion; standstill and the instants of reversal are left out. {CAPTION}",
+    )
 
 
 def _as_in_the_file(sight: Sight, bare: Array, joint: int) -> Array:
@@ -228,7 +228,7 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
         (sight.column("motor_position", joint) / sight.ratio[j] - sight.column("joint_position", joint))[:, None]
     )[ok, 0]
     needed = sight.link_torque(sight.after)[ok, j]
-    curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=1.4)]
+    curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=5.0)]
     for label, p, color, dash in (
         ("robot file", sight.before, "green", "dotted"),
         ("model with the effect", sight.after, "vermilion", "solid"),
@@ -254,14 +254,11 @@ def _input(sight: Sight, entry: str, joint: int) -> list[str]:
         return [
             _plain(sight, entry, "motor", Abscissa("motor input", lambda s, j: s.inputs(s.after)[:, j - 1]), [joint])
         ]
-    shown = []
-    for p in (sight.before, sight.after):
-        sight.arm._prepare(p)
-        shown.append(acted_on(sight.arm, log, driven_by(sight.arm, log, "command")[0], "command")[1][:, joint - 1])
+    shown = [sight.commanded(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
     command, measured = log[column], log[f"motor_current_{joint}"]
     rows = max(round(SCENE / log.period), 20)
-    change = np.convolve(np.abs(shown[1] - shown[0]), np.ones(rows), "valid")
-    span = slice(int(np.argmax(change)), int(np.argmax(change)) + rows)
+    change = np.convolve(np.abs(shown[1] - shown[0])[SETTLED:], np.ones(rows), "valid")
+    span = slice(SETTLED + int(np.argmax(change)), SETTLED + int(np.argmax(change)) + rows)
     scene = panels(
         f"{_title(entry)}: command and current",
         log.time[span],
@@ -283,7 +280,7 @@ def _input(sight: Sight, entry: str, joint: int) -> list[str]:
     late = entry.startswith(("command_delay", "current_loop_lag"))
     x = np.gradient(command, log.time) if late else command
     before, after = shown[0] if late else np.zeros(len(x)), shown[1]
-    curves = _points_and_fit(x, measured - before, after - before)
+    curves = _points_and_fit(x[SETTLED:], (measured - before)[SETTLED:], (after - before)[SETTLED:])
     return [
         scene,
         planes(

@@ -148,7 +148,7 @@ def _candidates(content: dict[str, Any]) -> Section:
 def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
     """Where the gap lies, and the picture of each effect that is named."""
     entries, verdict = content["where"], content["verdict"]
-    main = entries[0] if entries else {"joint": 1, "place": "motor"}
+    main: dict[str, Any] = entries[0] if entries else {"joint": 1, "place": "motor"}
     joint = max(main["joint"], 1)
     figures = []
     known = [e for e in entries if e["share"] is not None]

@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from hdagen import late
-from hdagen.diagnosis.missing import Missing, Sight
-from hdagen.diagnosis.regimes import LEAST, Regressor, concentrated, explained
+from hdagen.diagnosis.missing import Sight
+from hdagen.diagnosis.regimes import LEAST, Concentrated, Regressor, concentrated, explained
 from hdagen.plant import Array
 from hdagen.readings import limits, mechanical
-from hdagen.replay import acted_on, driven_by
 
 PLACES = ("input", "motor", "transmission", "link", "sensor")
 FEW = 0.01  # a share of base parameters below which a place is not named
+CONSTANT = 0.8  # of the rms, from where a mean is the most of it
+MUCH = 0.2  # of a variance, from where a regressor is named
 STEP = 1e-3  # s, of integration
 _SPRINGS = ("flexspline_", "wave_generator_", "torsional_")
 _LINKS = ("mass_", "center_of_mass_", "inertia_", "length_", "gravity_", "payload_")
@@ -114,9 +115,7 @@ def _shares(sight: Sight, parts: list[Part], first: int) -> list[float]:
 def _gap(sight: Sight, p: Array, first: int) -> float:
     """Logarithm of the gap, in multiples of noise, of windows that begin where the replay after the verdict says."""
     arm, log, after = sight.arm, sight.log, sight.replays[1]
-    arm._prepare(p)
-    inputs, _ = driven_by(arm, log, "command")
-    acting, shown = acted_on(arm, log, inputs, "command")
+    acting, shown = sight.commanded(p)
     ends = np.append(after.starts[1:], len(log))
     dt = np.append(np.diff(log.time), log.period)
     begun = after.states[after.starts][:, : mechanical(arm)]
@@ -157,34 +156,43 @@ def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:
     """What is missing, as it shows at ``place`` of ``joint``, with what the effect ``entry`` adds there."""
     j, less, ok = joint - 1, sight.without(entry), sight.kept
     if place == "input" and f"motor_current_{joint}" in sight.log and f"motor_current_command_{joint}" in sight.log:
-        name, log = f"motor_current_{joint}", sight.log
-        before, after = (
-            sight.smooth(sight.on_grid(log[name] - r.columns[name])[:, None])[ok, 0] for r in sight.replays
+        return _of_current(sight, joint, less)
+    if entry.startswith("torque_sensor") and f"joint_torque_{joint}" in sight.log:
+        read = sight.smooth(sight.on_grid(sight.log[f"joint_torque_{joint}"])[:, None])[ok, 0]
+        first, last, none = (sight.sensed_torque(p)[ok, j] for p in (sight.before, sight.after, less))
+        return Trace(
+            f"reading of the torque sensor of joint {joint}", "N m", read - first, read - last, last - none, ok
         )
-        shown = []
-        for p in (sight.after, less):
-            sight.arm._prepare(p)
-            inputs, _ = driven_by(sight.arm, log, "command")
-            shown.append(acted_on(sight.arm, log, inputs, "command")[1][:, j])
-        adds = sight.smooth(sight.on_grid(shown[0] - shown[1])[:, None])[ok, 0]
-        return Trace(f"current of motor {joint} beyond the model's", "A", before, after, adds, ok)
-    before, after, added = _kept(sight), _kept(sight, sight.after), sight.added(sight.after, less)
+    before, after, added = sight.missing(sight.before), sight.missing(sight.after), sight.added(sight.after, less)
     if before.link is None or added.link is None or place in ("input", "motor"):
         words = f"torque missing at motor {joint}"
         return Trace(words, "N m", before.motor[ok, j], after.motor[ok, j], added.motor[ok, j], ok)
-    assert after.link is not None
+    assert after.link is not None  # as before's, which is of the same log
     if place == "sensor":
         slope = sight.slope(sight.after)[ok, j]
         read = sight.read_error(sight.after, less)[ok, j]
         words = f"angle that the encoder of joint {joint} reads too much"
         left = after.link[ok, j] / slope
         return Trace(words, "rad", before.link[ok, j] / slope, left, read, ok)
+    if entry.startswith("kinematic_error"):
+        slope = sight.slope(sight.after)[ok, j]
+        words = f"angle missing in the transmission of joint {joint}"
+        first, last, more = (side[ok, j] / slope for side in (before.link, after.link, added.link))
+        return Trace(words, "rad", first, last, more, ok)
     words = f"torque missing at link {joint}"
     return Trace(words, "N m", before.link[ok, j], after.link[ok, j], added.link[ok, j], ok)
 
 
-def _kept(sight: Sight, p: Array | None = None) -> Missing:
-    return sight.missing(sight.before if p is None else p)
+def _of_current(sight: Sight, joint: int, less: Array) -> Trace:
+    """Measured current less what the model makes of the command."""
+    name, log, ok = f"motor_current_{joint}", sight.log, sight.kept
+
+    def seen(values: Array) -> Array:
+        return sight.smooth(sight.on_grid(values)[:, None])[ok, 0]
+
+    before, after = (seen(log[name] - r.columns[name]) for r in sight.replays)
+    adds = seen(sight.commanded(sight.after)[1][:, joint - 1] - sight.commanded(less)[1][:, joint - 1])
+    return Trace(f"current of motor {joint} beyond the model's", "A", before, after, adds, ok)
 
 
 def regressors(sight: Sight, joint: int, at: np.ndarray) -> list[Regressor]:
@@ -226,24 +234,26 @@ def _when(sight: Sight, part: Part) -> str:
     quantity = seen.after if unknown else seen.after + seen.adds
     energy = seen.after**2 if unknown else quantity**2 - seen.after**2
     around = regressors(sight, joint, seen.at)
-    goes = next((e for e in explained(quantity, around) if e.p <= LEAST), None)
+    clear = sight.slides(joint)[seen.at] if part.place == "motor" else np.ones(len(quantity), bool)
+    moving = [Regressor(r.name, r.unit, r.values[clear], r.size) for r in around]
+    goes = next((e for e in explained(quantity[clear], moving) if e.p <= LEAST and e.share >= MUCH), None)
     sits = next((c for c in concentrated(energy, around) if c.p <= LEAST), None)
-    begin = f"The {seen.words} ({_rms(quantity):.2g} {seen.unit} rms)"
-    if goes is None and sits is None:
-        return f"{begin} is spread over all speeds, loads, angles and times: no regime stands out (p > {LEAST:g})."
     said = []
+    if abs(quantity.mean()) > CONSTANT * _rms(quantity):
+        said.append(f"is mostly the same throughout (mean {quantity.mean():.2g} {seen.unit})")
     if goes is not None:
         said.append(f"goes with {goes.regressor.name}, which explains {100 * goes.share:.0f} % of it {_p(goes.p)}")
     if sits is not None:
         said.append(_lies(sits))
-    return f"{begin} {', and '.join(said)}."
+    spread = f"is spread over speeds, loads, angles and times: none explains {100 * MUCH:.0f} % of it at p < {LEAST:g}"
+    return f"The {seen.words} ({_rms(quantity):.2g} {seen.unit} rms) {', and '.join(said) or spread}."
 
 
-def _lies(sits: Any) -> str:
+def _lies(sits: Concentrated) -> str:
     name = f"the size of {sits.regressor.name}" if sits.regressor.size else sits.regressor.name
     side = "below" if sits.below else "above"
     return (
-        f"{min(100 * sits.share, 100):.0f} % of its energy lies where {name} is {side} {sits.edge:.3g} "
+        f"has {min(100 * sits.share, 100):.0f} % of its energy where {name} is {side} {sits.edge:.3g} "
         f"{sits.regressor.unit}, {100 * sits.part:.0f} % of the time {_p(sits.p)}"
     )
 
