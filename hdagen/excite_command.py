@@ -1,0 +1,152 @@
+"""`hdagen excite`: the safe motion that separates effects best, as a reference to follow."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hdagen.excite import Excitation, Tried
+
+EXAMPLE = """example:
+  hdagen excite robot.toml --separate stribeck_friction,presliding_friction --joint 1
+  hdagen excite robot.toml --limits position_1=-0.5:0.5 speed=1.0 tip_y=0.05:0.4 --out reference.csv
+
+writes time and joint_position_reference_j; docs/excite.md says what is tried and what is predicted"""
+SHOWN = 3  # pairs of a motion that are printed where all are looked at
+
+
+def add_parser(commands: Any) -> None:
+    """The command's arguments."""
+    p = commands.add_parser(
+        "excite",
+        help="design a safe motion that tells effects apart",
+        description="Tries motions on the compiled arm, keeps the limits, predicts by how much the log evidence of a "
+        "diagnosis tells the effects apart, and writes the best motion's reference.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("robot", help="a preset or a robot.toml")
+    p.add_argument(
+        "--separate", default="", metavar="A,B", help="effects, or effect@joint (default: every pair of the joint's)"
+    )
+    p.add_argument("--joint", type=int, default=1, help="whose effects they are (default: 1)")
+    p.add_argument("--duration", type=float, default=10.0, help="s (default: 10)")
+    p.add_argument("--period", type=float, default=1e-3, help="from row to row, s (default: 0.001)")
+    p.add_argument(
+        "--limits",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=VALUE",
+        help="narrower than the robot file's: position=LOW:HIGH, speed=, torque=, current=, each also with _1 for one "
+        "joint; the tip's workspace tip_x=LOW:HIGH, tip_y=LOW:HIGH",
+    )
+    p.add_argument("--out", type=Path, default=Path("reference.csv"), help=".csv or .parquet (default: reference.csv)")
+    p.add_argument("--json", action="store_true", help="print the figures as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Design, write, print."""
+    from hdagen.excite import excite
+    from hdagen.plant import PlantError, load
+    from hdagen.table import write
+
+    if options.out.suffix not in (".csv", ".parquet"):
+        raise PlantError(f"--out {options.out}: possible are .csv and .parquet.")
+    limits = _limits(options.limits)
+    separate = tuple(name.strip() for name in options.separate.split(",")) if options.separate else ()
+    arm = load(options.robot, "native", ("all",))
+    begun = time.monotonic()
+    found = excite(
+        arm,
+        separate,
+        options.joint,
+        options.duration,
+        options.period,
+        limits,
+        lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}", file=sys.stderr),
+    )
+    write(found.columns(), options.out)
+    if options.json:
+        print(json.dumps(figures(found) | {"reference": str(options.out)}, indent=1, allow_nan=False))
+    else:
+        _print(found, options.out)
+    return 0
+
+
+def _limits(given: list[str]) -> dict[str, tuple[float, ...]]:
+    """NAME=VALUE and NAME=LOW:HIGH as numbers. Raises PlantError."""
+    from hdagen.plant import PlantError
+
+    limits, problems = {}, []
+    for text in given:
+        name, _, value = text.partition("=")
+        try:
+            limits[name] = tuple(float(part) for part in value.split(":"))
+        except ValueError:
+            problems.append(f"--limits {text}: give NAME=VALUE or NAME=LOW:HIGH with numbers, such as speed=0.5.")
+    if problems:
+        raise PlantError("\n".join(problems))
+    return limits
+
+
+def figures(found: Excitation) -> dict[str, Any]:
+    """What was found, for JSON: of each motion the nats by pair, the shares of limits, or why it is dropped."""
+    return {
+        "effects": list(found.effects),
+        "motion": found.best.name,
+        "nats": found.best.worst,
+        "separates": found.separates,
+        "tried": [
+            {
+                "motion": t.name,
+                "nats": [{"pair": list(pair), "nats": nats} for pair, nats in _least(t)],
+                "limits": dict(t.kept.shares) if t.kept else {},
+                "scale": t.kept.scale if t.kept else None,
+                "dropped": t.why or None,
+            }
+            for t in found.tried
+        ],
+        "assumed": list(found.limits.notes),
+    }
+
+
+def _least(tried: Tried) -> list[tuple[tuple[str, str], float]]:
+    return sorted(tried.nats.items(), key=lambda item: item[1])
+
+
+def _print(found: Excitation, out: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from hdagen.excite import ENOUGH, TRUST
+
+    pairs = len(found.best.nats)
+    table = Table(box=None, header_style="bold")
+    table.add_column("motion")
+    table.add_column("nats" if pairs == 1 else "nats, worst pair", justify="right")
+    if pairs > 1:
+        table.add_column(f"pairs told apart, of {pairs}", justify="right")
+    table.add_column("limits reached")
+    for t in found.tried:
+        if t.kept is None:
+            table.add_row(t.name, "–", *(["–"] if pairs > 1 else []), f"dropped: {t.why}")
+            continue
+        largest = sorted(t.kept.shares.items(), key=lambda item: -item[1])[:3]
+        told = [str(sum(nats >= ENOUGH * TRUST for nats in t.nats.values()))] if pairs > 1 else []
+        table.add_row(t.name, f"{t.worst:.0f}", *told, ", ".join(f"{name} {100 * x:.0f} %" for name, x in largest))
+    Console(width=120).print(table)
+    for note in found.limits.notes:
+        print(note)
+    if pairs > 1:
+        for (a, b), nats in _least(found.best)[:SHOWN]:
+            print(f"hardest to tell: {a} and {b}, {nats:.0f} nats")
+        print(f"expected to separate every pair: {'yes' if found.separates else 'no'}")
+    else:
+        print(f"expected to separate: {'yes' if found.separates else 'no'} ({found.best.worst:.0f} nats)")
+    print(f"{out}: {found.best.name}, {len(found.reference.position)} rows of {found.reference.period:g} s")
