@@ -1,0 +1,377 @@
+"""Where a gap lies and the report: truths put into simulated logs must be found at their place, with their size, in the
+regime that they act in; statistics against independent references; the page in a browser."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import chromium
+import numpy as np
+import pytest
+from compiled import Compiled
+from replayed import FLEXIBLE, RIGID, simulated
+
+from gen.effects import ALL
+from hdagen.diagnosis import report, separators
+from hdagen.diagnosis.maps import spectrum
+from hdagen.diagnosis.missing import Sight, look
+from hdagen.diagnosis.pictures import means, pictures
+from hdagen.diagnosis.regimes import Regressor, concentrated, explained
+from hdagen.diagnosis.whereabouts import trace, where
+from hdagen.diagnosis.whiteness import LAGS, whiteness
+from hdagen.log import Log
+from hdagen.plant import Arm, Array
+from hdagen.replay import Replay, replay
+
+Builder = Callable[..., Compiled]
+NAMES = tuple(effect.name for effect in ALL)
+TRUTHS = {  # what is put into a log, as name@joint, and in which words its regime must be named
+    "coulomb_friction@2": ({"coulomb_friction": 0.045}, "motor's speed"),
+    "stribeck_friction@2": ({"stribeck_torque": 0.02, "stribeck_speed": 5.0}, "motor's speed"),
+    "torque_ripple@2": ({"ripple_sine": 0.008, "ripple_order": 2.0}, "angle within a turn of the motor"),
+    "torque_constant@2": ({"torque_constant": 0.055}, "motor's input"),
+    "current_bias@1": ({"bias": 0.01}, "same throughout"),
+    "command_delay@1": ({"command_delay": 3e-3}, "rate of the motor's input"),
+    "stiffness@2": ({"stiffness_level": 0.7}, "load on the transmission"),
+    "transmission_hysteresis@2": ({"hysteresis_torque": 1.0, "hysteresis_angle": 1e-4}, "."),
+    "cable_spring@2": ({"cable_stiffness": 10.0, "cable_rest": 0.0}, "joint's angle"),
+    "gravity_tilt@0": ({"tilt_x": 0.8, "tilt_y": 0.3}, "."),
+    "encoder_eccentricity@2": ({"eccentricity_sine": 5e-4}, "joint's angle"),
+}
+PLACES = {
+    "coulomb_friction": "motor",
+    "stribeck_friction": "motor",
+    "torque_ripple": "motor",
+    "torque_constant": "motor",
+    "current_bias": "motor",
+    "command_delay": "input",
+    "stiffness": "transmission",
+    "transmission_hysteresis": "transmission",
+    "cable_spring": "link",
+    "gravity_tilt": "link",
+    "encoder_eccentricity": "sensor",
+}
+
+
+@pytest.fixture(scope="module")
+def arm(build: Builder) -> Arm:
+    """The flexible arm with every effect."""
+    return Arm(build(FLEXIBLE, effects=NAMES).folder)
+
+
+def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, float] | None = None) -> dict[str, Any]:
+    """A diagnosis.json's content with a verdict and its parameters, and all that a report reads."""
+    causes, verdict = [], list(entries)
+    for k, (entry, values) in enumerate(entries.items()):
+        effect, _, joint = entry.partition("@")
+        other = ["backlash@2"] if not k else []
+        parameters = {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in values.items()}
+        causes.append({"effect": effect, "joint": int(joint), "probability": 0.9, "parameters": parameters})
+        causes[-1] |= {"confounded_with": other, "separate_by": separators.separate_by(entry, other)}
+    return {
+        "schema": 1,
+        "verdict": verdict,
+        "sure": True,
+        "causes": causes,
+        "hypotheses": [{"effects": verdict, "probability": 0.9}, {"effects": ["backlash@2"], "probability": 0.1}],
+        "parameters": {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in (base or {}).items()},
+        "robot": {"name": "test <arm>", "sha256": "0" * 64},
+        "method": {"calibrated": False},
+        "data": {
+            "log": "log.csv",
+            "rate": 1e3,
+            "duration": 1.0,
+            "held_out": "the last 20 % of the log",
+            "notes": ["a note <b>"],
+            "warnings": ["a warning"],
+            "repaired": ["a repair"],
+            "missing": ["joint_torque_1 is not logged"],
+            "channels": {"motor_position_1": {"low": -1.0, "high": 1.0, "noise": 1e-3, "step": 0.0}},
+            "lags": {"motor_current_1": 1e-3},
+        },
+    }
+
+
+def seen(
+    arm: Arm,
+    truth: dict[str, dict[str, float]],
+    seconds: float = 1.5,
+    keep: str = ".",
+    base: dict[str, float] | None = None,
+) -> tuple[Sight, dict[str, Any], Log, Replay, Replay]:
+    """A log with ``truth`` and ``base`` in it, of the channels that ``keep`` matches, diagnosed as it is."""
+    arm.parameters.reset()
+    for entry, values in truth.items():
+        joint = entry.partition("@")[2]
+        arm.parameters.update({f"{k}_{joint}" if joint != "0" else k: v for k, v in values.items()})
+    arm.parameters.update(base or {})
+    log = simulated(arm, seconds)
+    log = Log(log.time, {k: v for k, v in log.columns.items() if re.search(keep, k)}, log.n_joints, log.source)
+    arm.parameters.reset()
+    said = content(arm, truth, base)
+    before, after = replay(arm, log), replay(arm, log, with_=said)
+    multiples = {
+        name: {when: r.errors[name] / r.noise[name] for when, r in (("before", before), ("after", after))}
+        for name in before.errors
+        if before.noise[name]
+    }
+    said["gap"] = {"before": before.gap, "after": after.gap, "floor": 1.0, "achievable": 1.1, "shrink": 0.95}
+    said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
+    sight = look(arm.folder, said, log, before, after)
+    said["where"] = where(sight, said, 0)
+    return sight, said, log, before, after
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+# -- where ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("entry", TRUTHS)
+def test_a_truth_is_where_it_was_put_and_its_balance_closes(arm: Arm, entry: str) -> None:
+    values, regime = TRUTHS[entry]
+    effect, _, joint = entry.partition("@")
+    sight, said, *_ = seen(arm, {entry: values})
+    found = said["where"]
+    assert [(w["joint"], w["place"], w["share"]) for w in found] == [(int(joint), PLACES[effect], 1.0)]
+    assert re.search(regime, found[0]["when"]), found[0]["when"]
+    assert "rms" in found[0]["when"] and found[0]["when"].endswith(".")
+    shown = trace(sight, PLACES[effect], max(int(joint), 1), entry)
+    assert rms(shown.after) < 0.5 * rms(shown.before)
+    assert np.corrcoef(shown.before - shown.after, shown.adds)[0, 1] > 0.99 or np.ptp(shown.adds) < 1e-3
+    assert rms(shown.before - shown.after - shown.adds) < 0.1 * rms(shown.adds)
+
+
+def test_shares_sum_to_one_and_base_parameters_have_theirs(arm: Arm) -> None:
+    mass = arm.parameters.described["mass_2"].nominal
+    truth = {"coulomb_friction@1": {"coulomb_friction": 0.06}, "cable_spring@2": {"cable_stiffness": 10.0}}
+    _, said, *_ = seen(arm, truth, base={"mass_2": 1.1 * mass})
+    found = said["where"]
+    assert [(w["joint"], w["place"]) for w in found] == [(1, "motor"), (2, "link"), (2, "link")]
+    assert sum(w["share"] for w in found) == pytest.approx(1.0, abs=1e-3)
+    assert all(w["share"] > 0.02 for w in found)
+    assert "mass" in found[2]["when"] and "tolerance" in found[2]["when"]
+
+
+def test_nothing_named_and_nothing_moved_has_no_place(arm: Arm) -> None:
+    assert seen(arm, {})[1]["where"] == []
+
+
+def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
+    for entry, values, place in (
+        ("coulomb_friction@2", {"coulomb_friction": 0.08}, "motor"),
+        ("cable_spring@2", {"cable_stiffness": 30.0}, "link"),
+    ):
+        _, said, log, before, _ = seen(arm, {entry: values})
+        said |= {"verdict": ["unknown@2"], "parameters": {}}
+        sight = look(arm.folder, said, log, before, before)
+        (found,) = where(sight, said, 0)
+        assert (found["joint"], found["place"]) == (2, place)
+        assert 0.3 < found["share"] <= 1.0
+        assert pictures(sight, "unknown@2", place)
+
+
+def test_one_encoder_a_joint_gives_the_balance_of_the_whole_joint(arm: Arm) -> None:
+    entry, values = "coulomb_friction@2", {"coulomb_friction": 0.08}
+    sight, said, *_ = seen(arm, {entry: values}, keep="motor|force")
+    assert not sight.split
+    assert (said["where"][0]["joint"], said["where"][0]["place"]) == (2, "motor")
+    shown = trace(sight, "motor", 2, entry)
+    excess = 0.08 - arm.parameters.described["coulomb_friction_2"].nominal
+    slides = sight.slides(2)[shown.at]
+    direction = sight.direction[shown.at, 1][slides]
+    assert -np.mean(shown.before[slides] * direction) == pytest.approx(excess, rel=0.15)
+
+
+def test_a_rigid_arm_has_its_balance(build: Builder, tmp_path: Path) -> None:
+    arm = Arm(build(RIGID, effects=("cable_spring",)).folder)
+    sight, said, *_ = all_ = seen(arm, {"cable_spring@1": {"cable_stiffness": 3.0, "cable_rest": -1.5}})
+    assert (said["where"][0]["joint"], said["where"][0]["place"]) == (1, "link")
+    shown = trace(sight, "link", 1, "cable_spring@1")
+    assert np.corrcoef(shown.before - shown.after, shown.adds)[0, 1] > 0.99
+    write(all_, arm, tmp_path / "report.html")
+
+
+# -- regimes ----------------------------------------------------------------------------------------------------------
+
+
+def slow(rng: np.random.Generator, count: int, width: int = 40) -> Array:
+    """Noise with a memory, as signals of an arm have it."""
+    kernel = np.ones(width) / width
+    return np.asarray(np.convolve(rng.standard_normal(count + width - 1), kernel, "valid") * np.sqrt(width))
+
+
+def test_the_regressor_that_made_a_quantity_explains_it() -> None:
+    rng = np.random.default_rng(0)
+    speed, load, time = slow(rng, 4000), slow(rng, 4000), np.linspace(0, 1, 4000)
+    quantity = np.sign(speed) + 0.2 * rng.standard_normal(4000)
+    given = [Regressor("load", "N m", load, True), Regressor("speed", "rad/s", speed, True)]
+    given.append(Regressor("t", "s", time))
+    best = explained(quantity, [*given, Regressor("none", "1", np.ones(4000))])
+    assert best[0].regressor.name == "speed" and len(best) == 3
+    assert best[0].share > 0.8 and best[0].p == pytest.approx(1 / 200)
+    assert all(e.p > 0.02 for e in best[1:])
+    energy = np.where(np.abs(load) > np.quantile(np.abs(load), 0.9), 1.0, 0.0)
+    sits = concentrated(energy, given)[0]
+    assert (sits.regressor.name, sits.below) == ("load", False) and sits.p == pytest.approx(1 / 200)
+    assert sits.share == pytest.approx(0.1 * 4000 / energy.sum(), rel=0.05)
+    assert sits.edge == pytest.approx(np.quantile(np.abs(load), 7 / 8), rel=0.05)
+
+
+def test_a_quantity_that_goes_with_nothing_is_rarely_said_to() -> None:
+    false = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        false += explained(slow(rng, 2000), [Regressor("x", "1", slow(rng, 2000))])[0].p <= 0.05
+    assert false <= 9  # 3 are expected; more than 9 of 60 has a chance of 1 in 1000
+
+
+def test_energy_that_is_not_there_concentrates_nowhere() -> None:
+    assert concentrated(-np.ones(100), [Regressor("x", "1", np.arange(100.0))]) == []
+
+
+# -- whiteness, spectra, means ----------------------------------------------------------------------------------------
+
+
+def test_correlations_are_those_of_their_definition_and_the_test_has_its_level() -> None:
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(500)
+    found = whiteness(noise, 40)
+    direct = [noise[k:] @ noise[: len(noise) - k] / (noise @ noise) for k in range(41)]
+    np.testing.assert_allclose(found.correlation, direct, atol=1e-12)
+    p = np.array([whiteness(rng.standard_normal(400), LAGS).p for _ in range(300)])
+    assert 0.02 < np.mean(p < 0.05) < 0.1 and abs(np.mean(p) - 0.5) < 0.06
+    assert whiteness(slow(rng, 500, 5), LAGS).p < 1e-9
+
+
+def test_a_spectrum_has_the_density_of_its_noise_and_the_coherence_of_its_source() -> None:
+    rng = np.random.default_rng(2)
+    source, own = rng.standard_normal((2, 60_000))
+    found = spectrum(2.0 * source + own, source, 1e-3)
+    inside = (found.frequency > 5) & (found.frequency < 495)
+    assert np.mean(found.density[inside] ** 2) == pytest.approx(2 * 5.0 * 1e-3, rel=0.03)
+    assert np.mean(found.coherence[inside]) == pytest.approx(0.8, abs=0.02)
+    assert np.mean(spectrum(own, source, 1e-3).coherence[inside]) < 0.03
+
+
+def test_means_keep_the_two_sides_of_standstill_apart() -> None:
+    x = np.linspace(-1, 2, 20_001)
+    middle, mean = means(x, np.sign(x), split=True)
+    told = ~np.isnan(mean)
+    assert np.array_equal(mean[told], np.sign(middle[told])) and np.isnan(mean[middle == 0]).all()
+    assert told.sum() > 30
+
+
+# -- what separates ---------------------------------------------------------------------------------------------------
+
+PAIRS = [
+    ("command_delay", "current_loop_lag"),
+    ("command_delay", "missing_compliance"),
+    ("torque_constant", "payload"),
+    ("viscous_friction", "torque_constant"),
+    ("viscous_friction", "thermal_friction"),
+    ("transmission_hysteresis", "coulomb_friction"),
+    ("backlash", "stiffness"),
+    ("load_dependent_friction", "thermal_friction"),
+    ("kinematic_error", "torque_ripple"),
+    ("encoder_eccentricity", "gravity_tilt"),
+    ("gravity_tilt", "payload"),
+    ("sensor_delay", "stiffness"),
+    ("asymmetric_friction", "current_bias"),
+]
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_pairs_that_look_alike_have_an_experiment_of_their_own(pair: tuple[str, str]) -> None:
+    one, other = (f"{name}@1" for name in pair)
+    said = separators.separate_by(one, [other])
+    assert other in said and separators.OTHERWISE not in said
+    assert separators.separate_by(other, [one]).replace(one, other) == said
+
+
+def test_what_is_not_confounded_needs_no_experiment_and_each_stands_once() -> None:
+    assert separators.separate_by("payload@2", []) == ""
+    said = separators.separate_by("payload@2", ["torque_constant@1", "torque_constant@2"])
+    assert said.count("payload") == 1 and "torque_constant@1, torque_constant@2" in said
+    assert separators.SAME_KIND in separators.separate_by("coulomb_friction@1", ["coulomb_friction@2"])
+    assert separators.OTHERWISE in separators.separate_by("contact@1", ["command_delay@1"])
+
+
+def test_every_effect_of_a_group_exists() -> None:
+    named = set().union(*(group.effects for group in separators.GROUPS))
+    assert named <= set(NAMES)
+
+
+# -- the page ---------------------------------------------------------------------------------------------------------
+
+
+def write(all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, path: Path) -> str:
+    _, said, log, before, after = all_
+    held = SimpleNamespace(robot=str(arm.folder), content=said, before=before, after=after, held_out=log, first=0)
+    report.write(held, path)  # type: ignore[arg-type]
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "entry", ["stribeck_friction@2", "command_delay@1", "transmission_hysteresis@2", "gravity_tilt@0"]
+)
+def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) -> None:
+    page = write(seen(arm, {entry: TRUTHS[entry][0]}), arm, tmp_path / "report.html")
+    name = entry.partition("@")[0].replace("_", " ").capitalize()
+    for words in (
+        "not calibrated",
+        "Best achievable",
+        "Where and when",
+        "The effect itself",
+        "Ljung",
+        "a repair",
+        name,
+    ):
+        assert words in page
+    assert "Against backlash@2" in page and "test &lt;arm&gt;" in page
+    assert "a note &lt;b&gt;" in page
+    assert "[90, 97]" in report.sentence(json.loads(json.dumps(seen(arm, {})[1]))) and len(page) < 5_000_000
+
+
+def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp_path: Path) -> None:
+    page = write(seen(arm, {}), arm, tmp_path / "report.html")
+    assert "No effect above the size that counts was found" in page and "by what it goes with" in page
+
+
+def test_a_parameter_that_the_data_say_nothing_of_is_marked(arm: Arm, tmp_path: Path) -> None:
+    all_ = seen(arm, {"cable_spring@2": {"cable_stiffness": 10.0}}, base={"mass_2": 1.02})
+    q = arm.parameters.described["mass_2"]
+    all_[1]["parameters"]["mass_2"]["std"] = q.tolerance * q.nominal
+    page = write(all_, arm, tmp_path / "report.html")
+    row = re.search(r"<tr>[^/]*mass_2</.*?</tr>", page)
+    assert row and "nothing" in row[0]
+    row = re.search(r"<tr>[^/]*cable_stiffness_2</.*?</tr>", page)
+    assert row and "much" in row[0]
+
+
+@pytest.mark.skipif(chromium.PROGRAM is None, reason="no Chromium is installed")
+def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write(seen(arm, {"torque_ripple@2": TRUTHS["torque_ripple@2"][0]}), arm, path)
+    with chromium.browser() as tab:
+        for scheme in ("light", "dark"):
+            features = [{"name": "prefers-color-scheme", "value": scheme}]
+            tab.call("Emulation.setEmulatedMedia", media="screen", features=features)
+            tab.messages.clear()
+            tab.requests.clear()
+            tab.open(path.as_uri())
+            assert tab.run("document.querySelectorAll('figure').length") >= 15
+            assert tab.run("document.querySelectorAll('figure .tools button').length") >= 20
+            top = tab.run("document.querySelector('figure .drawing').getBoundingClientRect().top")
+            assert 0 < top < 600  # the gap is on the first screen
+            shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
+            assert len(shot) > 10_000
+            assert tab.messages == [] and tab.requests == [path.as_uri()]
