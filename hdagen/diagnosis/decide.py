@@ -2,7 +2,7 @@
 
 Log evidence is divided by a temperature before it becomes a probability. Residuals of a real machine are not
 independent, and where the best hypothesis leaves more than noise, what is left would be worth as much evidence to a
-better one: an effect must explain more than stays unexplained. The temperature is not calibrated, and diagnosis.json
+better one: an effect must explain more than that. The temperature is not calibrated, and diagnosis.json
 says so.
 """
 
@@ -16,7 +16,8 @@ from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
 
-TEMPERATURE = 3.0  # at least
+TEMPERATURE = 1.0  # at least
+DEPENDENT = 3.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 NONE = 0.5  # prior probability of no effect
 FURTHER = 0.3  # that there is one more
 # size of unexplained torque, in its unit (2 % of the usual motor torque), and scale of the noise, at which it is as
@@ -72,7 +73,7 @@ def decide(search: Search) -> Decision:
         evidence.setdefault(names, evidence[()] + min(s.evidence - linear, 0.0))
     count = sum(len(names) == 1 for names in evidence)
     top = max(evidence.values())
-    temperature = max(TEMPERATURE, search.fitted[0].clean - top)
+    temperature = max(TEMPERATURE, (search.fitted[0].clean - top) / DEPENDENT)
     weight = {names: _prior(len(names), count) * np.exp((e - top) / temperature) for names, e in evidence.items()}
     for names in sorted(fits, key=len, reverse=True):
         large = tuple(name for name, size in sizes(fits[names]).items() if size >= PRESENT)

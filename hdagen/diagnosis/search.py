@@ -51,7 +51,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     fitted = _race(field, words, FIELD, say)
     lead = fitted[0]
     fitted = _bare(fitted)
-    while lead.atoms and len(lead.atoms) < MOST:
+    while len(lead.atoms) < MOST:
         fitted = _ordered([*fitted, *_race(_beside(at, words, lead), words, FURTHER, say)])
         if fitted[0] is lead:
             break
