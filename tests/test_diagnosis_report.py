@@ -123,7 +123,7 @@ def seen(
     }
     said["gap"] = {"before": before.gap, "after": after.gap, "floor": 1.0, "achievable": 1.1, "shrink": 0.95}
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
-    sight = look(arm.folder, said, log, before, after)
+    sight = look(arm, said, log, before, after)
     said["where"] = where(sight, said, 0)
     return sight, said, log, before, after
 
@@ -172,7 +172,7 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
     ):
         _, said, log, before, _ = seen(arm, {entry: values})
         said |= {"verdict": ["unknown@2"], "parameters": {}}
-        sight = look(arm.folder, said, log, before, before)
+        sight = look(arm, said, log, before, before)
         (found,) = where(sight, said, 0)
         assert (found["joint"], found["place"]) == (2, place)
         assert 0.3 < found["share"] <= 1.0
@@ -314,8 +314,9 @@ def test_every_effect_of_a_group_exists() -> None:
 
 
 def write(all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, path: Path) -> str:
-    _, said, log, before, after = all_
+    sight, said, log, before, after = all_
     held = SimpleNamespace(robot=str(arm.folder), content=said, before=before, after=after, held_out=log, first=0)
+    held.sight = sight
     report.write(held, path)  # type: ignore[arg-type]
     return path.read_text(encoding="utf-8")
 

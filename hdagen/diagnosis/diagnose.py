@@ -12,7 +12,7 @@ from hdagen import verdict
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.gap import gap
-from hdagen.diagnosis.missing import look
+from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.shooting import Shooting
@@ -40,6 +40,7 @@ class Diagnosis:
     after: Replay
     held_out: Log
     first: int  # row of ``held_out`` from which on the fit saw nothing
+    sight: Sight  # ``held_out`` through the models of both replays
 
 
 def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[str], None]) -> Diagnosis:
@@ -61,15 +62,18 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
     said = verdict.read(content)
     say("replay of held-out motion")
     before = replay(plain, held_out)
-    after = replay(verdict.with_effects(robot, "portable", said), held_out, with_=said)
+    changed = verdict.with_effects(robot, "portable", said)
+    after = replay(changed, held_out, with_=said)
     content["gap"] = gap(before, after, held_out, cut)
     if content["gap"]["before"] < NOISE or content["gap"]["after"] >= content["gap"]["before"]:
         content |= {"verdict": [], "sure": False, "where": [], "parameters": {}}  # it does not stand up to other motion
-        after, content["gap"] = before, gap(before, before, held_out, cut)
-    content["where"] = where(look(robot, content, held_out, before, after), content, cut)
+        changed, after, content["gap"] = plain, before, gap(before, before, held_out, cut)
+    say("where and when")
+    sight = look(changed, content, held_out, before, after)
+    content["where"] = where(sight, content, cut)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(log, held_out, hold_out is None) | of_data
-    return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut)
+    return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut, sight)
 
 
 def _data(log: Log, held_out: Log, own: bool) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy as np
 from hdagen import verdict
 from hdagen.channels import Even, even
 from hdagen.log import Log
-from hdagen.plant import Arm, Array, load
+from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, complete, mechanical, torque_per_input, unread
 from hdagen.replay import Replay, acted_on, driven_by
 
@@ -285,15 +284,15 @@ class Sight:
         return self.smooth(read[0] - read[1])
 
 
-def look(robot: str | Path, content: Mapping[str, Any], log: Log, before: Replay, after: Replay) -> Sight:
-    """The log of two replays through the models that they are of. Raises PlantError."""
+def look(arm: Arm, content: Mapping[str, Any], log: Log, before: Replay, after: Replay) -> Sight:
+    """The log of two replays: ``before`` with the robot file, ``after`` with what the diagnosis' ``content`` says on
+    ``arm``, which has its effects. Raises PlantError."""
     said = verdict.read(content)
-    arm = verdict.with_effects(robot, "portable", said) if said.effects else load(robot)
     changed, _ = verdict.applied(arm, said)
     names = list(arm.parameters.described)
     own = {f"{e.name}@{e.joint}": tuple(names.index(name) for name in e.parameters) for e in said.effects}
     nominal = np.array([q.nominal for q in arm.parameters.described.values()])
-    return Sight(arm, log, nominal, changed.p.copy(), own, (before, after))
+    return Sight(Arm(arm.folder), log, nominal, changed.p.copy(), own, (before, after))
 
 
 def _jitter(angle: Array, grid: Even) -> float:

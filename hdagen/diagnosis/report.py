@@ -8,7 +8,7 @@ from typing import Any
 
 from hdagen.diagnosis.diagnose import Diagnosis
 from hdagen.diagnosis.maps import COLORS, maps
-from hdagen.diagnosis.missing import Sight, look
+from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.pictures import pictures
 from hdagen.diagnosis.whiteness import LAGS, of_replay
 from hdagen.log import Log
@@ -63,8 +63,7 @@ def _calibrated(content: dict[str, Any]) -> str:
 
 def write(diagnosis: Diagnosis, path: Path) -> None:
     """report.html."""
-    content, held = diagnosis.content, diagnosis.held_out
-    sight = look(diagnosis.robot, content, held, diagnosis.before, diagnosis.after)
+    content, held, sight = diagnosis.content, diagnosis.held_out, diagnosis.sight
     page.write(
         path,
         f"Diagnosis of {content['robot']['name']}",
