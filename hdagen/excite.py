@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.evidence import posteriors, score
 from hdagen.diagnosis.linear import Linear
 from hdagen.diagnosis.record import record
-from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.shooting import THREADS, Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError, is_number
@@ -34,7 +35,8 @@ TRUST = 3.0  # factor within which a prediction holds
 WINDOW, FEWEST = 0.05, 25  # s and rows of a window of the diagnosis
 DURATION = (2.0, 120.0)  # s
 PERIOD = (1e-4, 0.01)  # s
-DRAWS = 2  # of base parameters and spikes, for each true effect
+MOST_ROWS = 40_000  # of a motion: what the linear model's memory is made for
+DRAWS = 2  # of base parameters and spikes, for each true effect of a pair
 
 Pair = tuple[str, str]
 
@@ -56,10 +58,11 @@ class Tried:
 
     @property
     def merit(self) -> float:
-        """What is maximised: a soft minimum over the pairs, which a pair that nothing separates does not rule alone."""
+        """What is maximised: a soft minimum over the pairs, which a pair that nothing separates does not rule alone;
+        less than nothing is nothing."""
         if not self.nats:
             return -np.inf
-        x = np.array(list(self.nats.values())) / (ENOUGH * TRUST)
+        x = np.maximum(list(self.nats.values()), 0.0) / (ENOUGH * TRUST)
         return float(np.log(len(x)) - logsumexp(-x))
 
 
@@ -119,8 +122,8 @@ def excite(
         if isinstance(kept, Kept):
             tried.append(Tried(motion.name, kept, separation(arm, effects, kept)))
         else:
-            tried.append(Tried(motion.name, None, {}, f"{kept[0]} at {100 * kept[1]:.0f} % of its limit"))
-    tried.sort(key=lambda t: -t.merit)
+            tried.append(Tried(motion.name, None, {}, kept))
+    tried.sort(key=lambda t: (-t.merit, -t.worst))
     if tried[0].kept is None:
         whys = "; ".join(f"{t.name}: {t.why}" for t in tried[:3])
         raise PlantError(f"the limits admit no motion ({whys}); widen them, or move elsewhere.")
@@ -133,6 +136,10 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
     for name, value, (low, high) in (("duration", duration, DURATION), ("period", period, PERIOD)):
         if not is_number(value) or not low <= value <= high:
             problems.append(f"the {name} is {value:g} s; possible is {low:g} to {high:g} s.")
+    if not problems and duration / period > MOST_ROWS:
+        problems.append(
+            f"the motion has {duration / period:.0f} rows; possible are {MOST_ROWS}: make it shorter, or coarser."
+        )
     if not 1 <= joint <= arm.n:
         problems.append(f"--joint {joint}: the robot has joints 1 to {arm.n}.")
         raise PlantError("\n".join(problems))
@@ -195,17 +202,26 @@ def modelled(arm: Arm, log: Log, effects: Sequence[str], states: Array | None = 
 
 
 def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float]:
-    """Expected log evidence, nats, by which the motion separates each pair of ``effects``."""
+    """Expected log evidence, nats, by which the motion separates each pair of ``effects``; of more than two without
+    those that no channel of the log shows."""
     at = modelled(arm, kept.simulation.log, effects, kept.simulation.state)
     linear, random = at.linear(), np.random.default_rng(0)
-    evidence: dict[str, dict[str, float]] = {}
-    for true in effects:
-        logs = [_with(linear, _sizes(at.words, effects, true, random)) for _ in range(DRAWS)]
-        draws = [weighed(log, at.words, effects) for log in logs]
-        evidence[true] = {name: float(np.mean([draw[name] for draw in draws])) for name in effects}
+    energy = np.diagonal(linear.gram.products, axis1=1, axis2=2).sum(0)[linear.m + linear.k :]
+    shown = {
+        at.words.atoms[c.atom].name for c, e in zip(at.words.columns, energy, strict=True) if c.atom >= 0 and e > 0
+    }
+    count = DRAWS if len(effects) == 2 else 1
+    logs = [_sizes(at.words, effects, true, random) for true in effects for _ in range(count)]
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(lambda theta: weighed(_with(linear, theta), at.words, effects), logs))
+    evidence = {
+        true: {name: float(np.mean([one[name] for one in found[k * count : (k + 1) * count]])) for name in effects}
+        for k, true in enumerate(effects)
+    }
     return {
         (a, b): min(evidence[a][a] - evidence[a][b], evidence[b][b] - evidence[b][a])
         for a, b in itertools.combinations(effects, 2)
+        if len(effects) == 2 or {a, b} <= shown
     }
 
 

@@ -129,9 +129,9 @@ def _print(found: Excitation, out: Path) -> None:
     pairs = len(found.best.nats)
     table = Table(box=None, header_style="bold")
     table.add_column("motion")
-    table.add_column("nats" if pairs == 1 else "nats, worst pair", justify="right")
+    table.add_column("nats" if pairs == 1 else "worst pair, nats", justify="right")
     if pairs > 1:
-        table.add_column(f"pairs told apart, of {pairs}", justify="right")
+        table.add_column(f"told apart of {pairs}", justify="right")
     table.add_column("limits reached")
     for t in found.tried:
         if t.kept is None:

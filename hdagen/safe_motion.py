@@ -24,8 +24,9 @@ DRAWN = 0.8  # of a limit to which a motion is drawn before it is tried
 HELD = 0.6  # of torque and current that gravity may take in the middle posture
 TRIES = 8  # times that a motion is made smaller
 SMALLEST = 0.02  # of the first drawing below which a motion is given up
-ASSUMED = {"revolute": 0.5, "prismatic": 0.05}  # rad, m: to each side of the start, where no range is stated
+ASSUMED = {"revolute": (0.5, 1.0), "prismatic": (0.05, 0.2)}  # to each side of the start, rad (m); rad/s (m/s)
 START = 0.6  # rad: where a joint without a range starts; of a prismatic one 0
+STOPPED = {"simulation": "the simulated arm leaves all bounds", "controller": "the controller's guard stops it"}
 RISE = 0.01  # s from no torque to all of it where no rate is stated
 STEPS = 1.5e-5, 6e-6  # rad or m at the joint: of the motor's and the joint's encoder where none are stated
 NOISE = 1e-3  # of the largest current, standard deviation where none is stated
@@ -129,12 +130,11 @@ def _stated(arm: Arm) -> Limits:
     for j, joint in enumerate(arm.robot["joints"]):
         own, drive = joint["limits"], joint["drive"]
         middle = START if joint["kind"] == "revolute" else 0.0
-        reach = ASSUMED[joint["kind"]]
+        reach, fast = ASSUMED[joint["kind"]]
         position[j] = own["position"] or (middle - reach, middle + reach)
         if not own["position"]:
             notes.append(f"position of joint {j + 1}: no limit is stated; {position[j][0]:g} to {position[j][1]:g} is.")
-        bound = arm.manifest["state"][arm.index(f"joint_velocity_{j + 1}")]["bound"]
-        speed[j] = own["speed"] or bound
+        speed[j] = own["speed"] or fast
         current[j] = drive["max_current"] or arm.manifest["input"][j]["bound"]
         torque[j] = own["torque"] or full_torque(arm)[j]
         for what, value, known in (
@@ -338,12 +338,10 @@ def _sensors(arm: Arm) -> Sensors:
     )
 
 
-def keep(
-    arm: Arm, others: Sequence[Arm], limits: Limits, motion: Motion, center: Array, period: float
-) -> Kept | tuple[str, float]:
+def keep(arm: Arm, others: Sequence[Arm], limits: Limits, motion: Motion, center: Array, period: float) -> Kept | str:
     """The motion, made smaller until the nominal arm keeps the limits with a margin and ``others`` (arms with an
-    effect) keep them; else the limit that is not kept, and the share that is reached."""
-    scale, worst = 1.0, ("", np.inf)
+    effect) keep them; else why not."""
+    scale, why = 1.0, ""
     for _ in range(TRIES):
         reference = drawn(arm, limits, motion, center, period, scale)
         result, reached = follow(arm, arm, reference, limits)
@@ -355,11 +353,11 @@ def keep(
             if result is not None and max(over.values()) <= 1:
                 return Kept(motion, reference, result, reached, scale)
         name = max(over, key=lambda key: over[key])
-        worst = name, reached[name]
+        why = STOPPED.get(name) or f"{name} at {100 * reached[name]:.0f} % of its limit"
         scale *= float(np.clip(0.97 / over[name], 0.3, 0.9))
         if scale < SMALLEST:
             break
-    return worst
+    return why
 
 
 def with_size(arm: Arm, sizes: Mapping[str, float]) -> Arm:
