@@ -2,7 +2,8 @@
 
 Two questions are asked of every regressor: how much of the quantity's variance the means of its bins explain, and how
 much of its energy lies in one end bin. Neighbouring samples are not independent, so the significance is that of
-circular shifts: quantity and regressor keep their own course in time, only their match is taken apart.
+circular shifts: quantity and regressor keep their own course in time, only their match is taken apart. It is multiplied
+by the number of regressors, among which the best is looked for.
 
 Source: Theiler et al., Physica D 58 (1992) 77 (surrogates that keep the spectrum); Besag, Clifford, Biometrika 76
 (1989) 633 (Monte Carlo significance).
@@ -18,7 +19,7 @@ import numpy as np
 from hdagen.plant import Array
 
 BINS = 8  # of equally many samples each
-SHIFTS = 199  # equally spaced; the smallest significance is 1 in 200
+SHIFTS = 999  # equally spaced; the smallest significance of one regressor is 1 in 1000
 LEAST = 0.05  # significance from which a regime is not named
 SAMPLES = 6000  # that are looked at, at most
 
@@ -36,7 +37,8 @@ class Regressor:
 
 @dataclass(frozen=True)
 class Explained:
-    """How much of a variance (0 to 1) the means of a regressor's bins explain, and how likely chance does that."""
+    """How much of a variance (0 to 1) the means of a regressor's bins explain, and how likely chance does that with any
+    of those that were tried."""
 
     regressor: Regressor
     share: float
@@ -59,21 +61,14 @@ class Concentrated:
 def explained(quantity: Array, regressors: Sequence[Regressor]) -> list[Explained]:
     """Of ``quantity`` (K,), by each regressor, the most first; what is constant explains nothing and is left out."""
     rows = _rows(len(quantity))
-    y = quantity[rows]
-    y = y - y.mean()
-    total = float(y @ y)
-    found = []
-    for r in regressors:
+    y = quantity[rows] - quantity[rows].mean()
+    total, found = float(y @ y), []
+    for r in regressors if total > 0 else ():
         labels, count = _bins(r.values[rows])
-        if count < 2 or total <= 0:
-            continue
-        held = np.bincount(labels, minlength=count)
-
-        def share(values: Array, labels: np.ndarray = labels, count: int = count, held: np.ndarray = held) -> float:
-            return float((np.bincount(labels, values, count) ** 2 / held).sum() / total)
-
-        seen = share(y)
-        found.append(Explained(r, seen, _chance(seen, [share(part) for part in _shifted(y)])))
+        if count >= 2:
+            sums = _sums(labels, count, y)
+            shares = (sums**2 / np.bincount(labels)[:, None]).sum(0) / total
+            found.append(Explained(r, float(shares[0]), _chance(shares, len(regressors))))
     return sorted(found, key=lambda e: -e.share)
 
 
@@ -88,17 +83,13 @@ def concentrated(energy: Array, regressors: Sequence[Regressor]) -> list[Concent
         labels, count = _bins(values)
         if count < 2:
             continue
-        part = np.bincount(labels, minlength=count)[[0, -1]] / len(y)
-
-        def excess(of: Array, labels: np.ndarray = labels, part: Array = part, count: int = count) -> Array:
-            return np.asarray(np.bincount(labels, of, count)[[0, -1]] / total - part)
-
-        seen = excess(y)
-        end = int(np.argmax(seen))
-        chance = _chance(float(seen[end]), [float(excess(other).max()) for other in _shifted(y)])
+        part = np.bincount(labels)[[0, -1]] / len(y)
+        beyond = _sums(labels, count, y)[[0, -1]] / total - part[:, None]
+        end = int(np.argmax(beyond[:, 0]))
         inside = values[labels == (count - 1 if end else 0)]
         edge = float(inside.min() if end else inside.max())
-        found.append(Concentrated(r, float(seen[end] + part[end]), float(part[end]), edge, not end, chance))
+        share, chance = float(beyond[end, 0] + part[end]), _chance(beyond.max(0), len(regressors))
+        found.append(Concentrated(r, share, float(part[end]), edge, not end, chance))
     return sorted(found, key=lambda c: c.part - c.share)
 
 
@@ -114,11 +105,15 @@ def _bins(values: Array) -> tuple[np.ndarray, int]:
     return labels, len(kinds)
 
 
-def _shifted(values: Array) -> list[Array]:
-    """Circular shifts that are apart from the series itself."""
-    steps = np.linspace(0, len(values), SHIFTS + 2)[1:-1].round().astype(int)
-    return [np.roll(values, int(step)) for step in steps]
+def _sums(labels: np.ndarray, count: int, values: Array) -> Array:
+    """Sum of ``values`` in each bin (count, SHIFTS + 1): as they are, then shifted around by one step after another."""
+    steps = np.linspace(0, len(values), SHIFTS + 2)[:-1].round().astype(int)
+    other = np.fft.rfft(values).conj()
+    kinds = np.arange(count)[:, None] == labels
+    return np.asarray(np.fft.irfft(np.fft.rfft(kinds) * other, len(values))[:, steps])
 
 
-def _chance(seen: float, others: Sequence[float]) -> float:
-    return (1 + sum(other >= seen for other in others)) / (1 + len(others))
+def _chance(found: Array, tried: int) -> float:
+    """Of the first of ``found`` among all, times how many were ``tried``."""
+    reached = int(np.count_nonzero(found[1:] >= found[0]))
+    return min(1.0, tried * (1 + reached) / len(found))
