@@ -138,8 +138,9 @@ def _candidates(content: dict[str, Any]) -> Section:
         text += "\n\nWhat this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
     else:
         text += "\n\nNothing else explains this log nearly as well: no pair is confounded."
-    named = max(sum(float(r[1]) >= RARE for r in rows), 3)
-    rest = f"The other {len(rows) - named} hold less than {RARE:g} each." if len(rows) > named else ""
+    named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
+    others = sum(float(r[1]) for r in rows[named:])
+    rest = f"The other {len(rows) - named} hold {others:.2g} together." if len(rows) > named else ""
     figures.append(table("Hypotheses", ["hypothesis", "probability"], rows[:named], caption=rest))
     return Section("How sure", text, figures)
 
@@ -284,9 +285,7 @@ def _left(log: Log, before: Replay, after: Replay, first: int) -> Section:
 def _data(content: dict[str, Any]) -> Section:
     """Rate, what was lost, repaired, missing; noise and step of every channel."""
     data = content["data"]
-    lost = (
-        f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, jitter {100 * data.get('jitter', 0):.2g} %"
-    )
+    lost = f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, jitter {round(100 * data.get('jitter', 0), 6):.2g} %"
     lines_ = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {lost}."]
     for heading, key in (
         ("Repaired", "repaired"),

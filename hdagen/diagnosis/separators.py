@@ -25,6 +25,11 @@ GROUPS = (  # the narrowest first: the first that holds both is taken
         "at rest, friction by direction shows only in motion.",
     ),
     _group(
+        "encoder_eccentricity encoder_bias",
+        "turn the joint slowly through as much of a turn as it can: a bias is the same at every angle, what an "
+        "eccentric disc adds grows and comes back once a turn.",
+    ),
+    _group(
         "kinematic_error torque_ripple kinematic_torsion",
         "run at several constant speeds and log both encoders and the current: a kinematic error lives in the motor-to-"
         "joint angle and its torque grows with the square of speed, ripple lives in the current, at creep as well.",
@@ -75,7 +80,8 @@ GROUPS = (  # the narrowest first: the first that holds both is taken
         "encoder moves with the payload, the gear's own shows between its encoders.",
     ),
     _group(
-        "transmission_ratio torque_constant stiffness kinematic_error encoder_eccentricity",
+        "transmission_ratio torque_constant stiffness kinematic_error kinematic_torsion encoder_eccentricity "
+        "encoder_bias",
         "turn the joint slowly through its whole range without load and log both encoders: a ratio errs in proportion "
         "to the angle, periodic errors come back, torque and springs play no part.",
     ),
