@@ -285,8 +285,9 @@ def _left(log: Log, before: Replay, after: Replay, first: int) -> Section:
 def _data(content: dict[str, Any]) -> Section:
     """Rate, what was lost, repaired, missing; noise and step of every channel."""
     data = content["data"]
-    lost = f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, jitter {round(100 * data.get('jitter', 0), 6):.2g} %"
-    lines_ = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {lost}."]
+    jitter = round(100 * data.get("jitter", 0), 6)
+    lost = f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, jitter {jitter:.2g} %"
+    said = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {lost}."]
     for heading, key in (
         ("Repaired", "repaired"),
         ("Not logged", "missing"),
@@ -294,7 +295,7 @@ def _data(content: dict[str, Any]) -> Section:
         ("Skews", "skews"),
         ("Notes", "notes"),
     ):
-        lines_ += [f"{heading}: {said}" for said in data.get(key, ())]
+        said += [f"{heading}: {line}" for line in data.get(key, ())]
     figures = []
     if channels := data.get("channels"):
         rows: list[list[str | float | None]] = [
@@ -304,7 +305,7 @@ def _data(content: dict[str, Any]) -> Section:
     if lags := data.get("lags"):
         rows = [[name.replace("_", " "), value] for name, value in lags.items()]
         figures.append(table("Measured inputs behind their commands", ["channel", "lag (s)"], rows, digits=3))
-    return Section("The data", "\n\n".join(lines_), figures)
+    return Section("The data", "\n\n".join(said), figures)
 
 
 def _again(robot: str, content: dict[str, Any]) -> str:

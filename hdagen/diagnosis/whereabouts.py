@@ -107,7 +107,7 @@ def _shares(sight: Sight, parts: list[Part], first: int) -> list[float]:
         p[list(part.own)] = sight.before[list(part.own)]
         back.append(max(_gap(sight, p, first) - whole, 0.0))
     total = sum(back)
-    if total <= 0:
+    if not 0 < total < math.inf:
         return [1.0 if k == 0 else 0.0 for k in range(len(parts))]
     return [b / total for b in back]
 
