@@ -37,6 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     build.add_argument("--out", type=Path, default=Path("build"), help="where the folder goes (default: build)")
     build.add_argument("--effects", default="", help="effects to add to the model, separated by commas, or all")
+    build.add_argument("--mpc", default="", help="add a predictive controller: nodes=20,walls=2,space=tip (or joint)")
     listed = commands.add_parser("list", help="what is built")
     listed.add_argument("--out", type=Path, default=Path("build"))
     check = commands.add_parser("check", help="validate a robot and say what would be built")
@@ -87,7 +88,14 @@ def _effects(options: argparse.Namespace) -> tuple[str, ...]:
 def _build(options: argparse.Namespace) -> int:
     from gen.build import build
 
-    folder, made = build(options.robot, options.profile, options.out, _effects(options))
+    from gen.mpc.structure import StructureError, parse
+
+    try:
+        structure = parse(options.mpc)
+    except StructureError as error:
+        print(error, file=sys.stderr)
+        return 2
+    folder, made = build(options.robot, options.profile, options.out, _effects(options), structure)
     print(f"{'built' if made else 'unchanged'} ({options.profile})", file=sys.stderr)
     print(folder)
     return 0

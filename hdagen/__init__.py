@@ -2,6 +2,7 @@
 
 from hdagen.control import Controller, Fault, Guard, Safe
 from hdagen.log import Log, LogError
+from hdagen.mpc.controller import MPC
 from hdagen.plant import Arm, Parameter, PlantError, StepJacobians, load
 from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors, Simulation, simulate
@@ -10,6 +11,7 @@ __all__ = [
     "Arm",
     "Controller",
     "Fault",
+    "MPC",
     "Guard",
     "Log",
     "LogError",

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,14 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+
+class Structured(Protocol):
+    """What says how a predictive controller is compiled."""
+
+    @property
+    def structure(self) -> str:
+        """As `python -m gen build --mpc` takes it."""
 
 
 class UnknownParameter(PlantError, KeyError):
@@ -361,11 +369,16 @@ def _vector(value: ArrayLike, length: int, what: str) -> Array:
 
 
 def load(
-    robot: str | Path = "paper", profile: str = "portable", effects: tuple[str, ...] = (), out: str | Path | None = None
+    robot: str | Path = "paper",
+    profile: str = "portable",
+    effects: tuple[str, ...] = (),
+    out: str | Path | None = None,
+    mpc: Structured | None = None,
 ) -> Arm:
     """The arm of a preset, a robot.toml, or a folder that `python -m gen build` made.
 
     A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
-    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build). Raises PlantError.
+    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build); ``mpc``, a configuration of the predictive
+    controller, adds that controller to the library. Raises PlantError.
     """
-    return Arm(folder_of(robot, profile, effects, out))
+    return Arm(folder_of(robot, profile, effects, out, mpc.structure if mpc else ""))

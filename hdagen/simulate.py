@@ -101,7 +101,7 @@ def run(
     near = np.full(arm.n, 0.6) if start is None else np.asarray(start, float)
     q0 = posture(arm, reference.position[0], near) if reference.space == "tip" else reference.position[0]
     wanted = fitting(controller, reference, q0)
-    rows, count = wanted.rows(), len(reference.position)
+    rows, count = controller.rows(wanted), len(reference.position)
     push = _forces(pushes, reference.time)
     scheme = _errors(arm, sensors or Sensors())
     if not isinstance(seed, int) or seed < 0:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from importlib import resources
 from typing import Any
 
 import casadi as ca
 
+from gen.emitted import dense
 from gen.emit import body, scalar_function, vector_operation
 from gen.headers import guarded
+from gen.library import Library
 from gen.model import Model
 from gen.mpc.osqp_code import osqp_files
 from gen.mpc.stage import SPEED, Stage, stage
@@ -20,15 +23,17 @@ TEMPLATES = resources.files("gen") / "templates" / "mpc"
 LANE = {"x", "T", "F"}  # what differs from node to node
 
 
-def files(model: Model, structure: Structure, native: bool) -> tuple[dict[str, str], dict[str, Any]]:
+def files(library: Library, structure: Structure, native: bool) -> tuple[dict[str, str], dict[str, Any]]:
     """File name -> text, and what the manifest says of the controller."""
+    model = library.graphs.model
     fixed = ca.vertcat(model.p, *model.inverse.values())
     made = stage(model, structure, fixed)
     fitting(structure, model.n, made.nx)
     out = {f.name: f.read_text(encoding="utf-8") for f in TEMPLATES.iterdir() if f.name.endswith((".c", ".h"))}
     out["hda_mpc_sizes.h"] = sizes(made)
     out["hda_mpc_stage.h"] = functions(made, native)
-    out |= osqp_files(made)
+    out["hda_mpc_jacobian.h"] = jacobians(library)
+    out |= osqp_files(made, simples(made))
     return out, described(made)
 
 
@@ -58,7 +63,34 @@ def described(made: Stage) -> dict[str, Any]:
         "rows": [*rows, *of, *torques, "tip_speed", *walls],
         "speed": SPEED,
         "outputs": made.ny,
+        "statuses": statuses(),
     }
+
+
+def jacobians(library: Library) -> str:
+    """hda_mpc_jacobian.h: what the estimator differentiates, and the gears' constants."""
+    model, c = library.graphs.model, library.graphs.c
+    whole = next(f.graph for f in library.functions if f.name == "rhs_jacobian")
+    by_x, by_u, _ = whole(model.x, model.u, c)
+    step = dense("mpc_jacobian", {"x": model.x, "u": model.u, "c": c}, {"by_x": by_x, "by_u": by_u})
+    names = [f"torque_constant_{j}" for j in model.joints]
+    constants = ca.vertcat(*(model.by_name.get(name, 1.0) for name in names))
+    ratios = ca.vertcat(*(model.of_joint(j)["ratio"] for j in model.joints))
+    damping = ca.vertcat(*(model.of_joint(j).get("torsional_damping", 0.0) for j in model.joints))
+    gear = dense("mpc_gear", {"c": c}, {"ratio": ratios, "damping": damping})
+    torque = dense("mpc_torque_constants", {"c": c}, {"constant": constants})
+    parts = []
+    for f in (step, gear, torque):
+        arguments = [f"const double *{f.name_in(k)}" for k in range(f.n_in())]
+        arguments += [f"double *{f.name_out(k)}" for k in range(f.n_out())]
+        parts.append(scalar_function(f, "", f"static void {f.name()}({', '.join(arguments)})"))
+    return guarded("HDA_MPC_JACOBIAN_H", "What the estimator takes from the model.", "#include <math.h>\n\n" + "\n".join(parts))
+
+
+def statuses() -> list[tuple[int, str]]:
+    """Codes and sentences of hda_mpc.h."""
+    text = (TEMPLATES / "hda_mpc.h").read_text(encoding="utf-8")
+    return [(int(code), words) for code, words in re.findall(r'HDA_STATUS\(\w+, (-?\d+), "([^"]*)"\)', text)]
 
 
 def _list(values: Iterable[Any]) -> str:
@@ -68,15 +100,21 @@ def _list(values: Iterable[Any]) -> str:
 def sizes(made: Stage) -> str:
     """hda_mpc_sizes.h."""
     held = made.memory or (0,)
-    motors = [made.index.index(_motor(made, j)) for j in made.model.joints]
+    names = [slot.name for slot in made.model.x_slots]
     defines: dict[str, Any] = {
         "NODES": made.structure.nodes, "NX": made.nx, "NY": made.ny, "NG": made.ng, "SIMPLES": 2 * made.model.n,
         "WALLS": made.structure.walls, "FLEXIBLE": len(made.model.flexible), "JOINT_SPACE": int(made.structure.space == "joint"),
         "SIMPLE": _list(simples(made)), "INDEX": _list(made.index), "SCALE": _list(made.scale),
-        "TORQUE": _list(made.torque), "MEMORIES": len(made.memory), "MEMORY": _list(held), "MOTOR": _list(motors),
+        "TORQUE": _list(made.torque), "MEMORIES": len(made.memory), "MEMORY": _list(held),
         "SPEED": SPEED, "CONSTANTS": made.places["disturbance"], "AT_DISTURBANCE": made.places["disturbance"],
         "AT_SMOOTHING": made.places["smoothing"], "AT_HELD": made.places["held"], "AT_WALLS": made.places["walls"],
         "SHARED": made.places["end"],
+        "FLEXIBLE_JOINTS": _list([j - 1 for j in made.model.flexible] or [0]),
+        "IS_FLEXIBLE": _list([int(j in made.model.flexible) for j in made.model.joints]),
+        "PLACES": _list([_motor(made, j, "position") for j in made.model.joints]),
+        "SPEEDS": _list([_motor(made, j, "velocity") for j in made.model.joints]),
+        "LINKS": _list([names.index(f"joint_position_{j}") for j in made.model.joints]),
+        "TURNS": _list([names.index(f"joint_velocity_{j}") for j in made.model.joints]),
     }  # fmt: skip
     lines = "".join(f"#define HDA_MPC_{name} {value}\n" for name, value in defines.items())
     meaning = (
@@ -86,9 +124,9 @@ def sizes(made: Stage) -> str:
     return guarded("HDA_MPC_SIZES_H", meaning, f'#include "hda_sizes.h"\n\n{lines}')
 
 
-def _motor(made: Stage, j: int) -> int:
+def _motor(made: Stage, j: int, what: str) -> int:
     names = [slot.name for slot in made.model.x_slots]
-    return names.index(f"{'joint' if j in made.model.rigid else 'motor'}_position_{j}")
+    return names.index(f"{'joint' if j in made.model.rigid else 'motor'}_{what}_{j}")
 
 
 def functions(made: Stage, native: bool) -> str:

@@ -114,12 +114,14 @@ static int correct(const hda_mpc_qp *qp, hda_mpc_work *w) {
     return changes;
 }
 
-/* 1: the set stands and its solution is exact; 0: the rounds ran out; -1: a factorisation failed. */
-static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int *factored) {
+/* 1: the set stands and its solution is exact; 0: the rounds ran out; -1: a factorisation failed. ready: the first one is done. */
+static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, int *factored) {
     for (int round = 0; round < rounds; round++) {
-        weights(qp, w);
         ++*factored;
-        if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
+        if (!(ready && round == 0)) {
+            weights(qp, w);
+            if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
+        }
         for (int refine = 0; refine < HDA_MPC_REFINES; refine++) {
             slopes(qp, w);
             hda_mpc_solve(qp, &w->f, w->slope, w->T, w->x, w->rows);
@@ -171,7 +173,7 @@ int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w)
     memcpy(w->kept_y, w->y, sizeof w->y);
     memcpy(w->kept_rows, w->rows, sizeof w->rows);
     guess(qp, w);
-    if (settle(qp, w, HDA_MPC_POLISHES, &factored) == 1) return hand(qp, s, w, factored + inside, inside, 1);
+    if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1) return hand(qp, s, w, factored + inside, inside, 1);
     memcpy(w->T, w->kept_T, sizeof w->T);
     memcpy(w->x, w->kept_x, sizeof w->x);
     memcpy(w->y, w->kept_y, sizeof w->y);
@@ -179,15 +181,26 @@ int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w)
     return hand(qp, s, w, factored + inside, inside, converged);
 }
 
-int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) {
-    int factored = 0;
-    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
+/* The set from the solution's multipliers, and the factors that belong to it. */
+static int expect(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
     hda_mpc_turn(qp, &w->f);
     memcpy(w->y, s->dual, sizeof w->y);
-    if (finite(w->y, N * ROWS, HDA_MPC_LARGEST)) {
-        guess(qp, w);
-        if (settle(qp, w, HDA_MPC_ROUNDS, &factored) == 1) return hand(qp, s, w, factored, 0, 1);
-    }
+    if (!finite(w->y, ALL, HDA_MPC_LARGEST)) return 0;
+    guess(qp, w);
+    weights(qp, w);
+    return !hda_mpc_factor(qp, w->weight, &w->f);
+}
+
+void hda_mpc_anticipate(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
+    w->ready = hda_mpc_legal(qp) && expect(qp, s, w);
+}
+
+int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) {
+    int factored = 0, ready = w->ready;
+    w->ready = 0;
+    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
+    if (!ready) ready = expect(qp, s, w);
+    if (ready && settle(qp, w, HDA_MPC_ROUNDS, 1, &factored) == 1) return hand(qp, s, w, factored, 0, 1);
     const int status = hda_mpc_interior(qp, s, w);
     if (status >= 0) s->factored += factored;
     return status;
