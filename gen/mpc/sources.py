@@ -103,6 +103,7 @@ def sizes(made: Stage) -> str:
     names = [slot.name for slot in made.model.x_slots]
     defines: dict[str, Any] = {
         "NODES": made.structure.nodes, "NX": made.nx, "NY": made.ny, "NG": made.ng, "SIMPLES": 2 * made.model.n,
+        "NX_WIDE": _power(made.nx), "N_WIDE": _power(max(2, made.model.n)),
         "WALLS": made.structure.walls, "FLEXIBLE": len(made.model.flexible), "JOINT_SPACE": int(made.structure.space == "joint"),
         "SIMPLE": _list(simples(made)), "INDEX": _list(made.index), "SCALE": _list(made.scale),
         "TORQUE": _list(made.torque), "MEMORIES": len(made.memory), "MEMORY": _list(held),
@@ -122,6 +123,11 @@ def sizes(made: Stage) -> str:
         " * SI of 1 in its units (SCALE, TORQUE); where each motor's position stands in its state (MOTOR)."
     )
     return guarded("HDA_MPC_SIZES_H", meaning, f'#include "hda_sizes.h"\n\n{lines}')
+
+
+def _power(count: int) -> int:
+    """The least power of two that is not smaller."""
+    return 1 << (count - 1).bit_length()
 
 
 def _motor(made: Stage, j: int, what: str) -> int:

@@ -6,9 +6,9 @@ function: use it behind a certified stop (docs/safety.md, docs/mpc.md).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,18 @@ class Report:
     x: Array
     plan: Array  # (nodes, n) N m
     predicted: Array  # (nodes, states) SI
+
+
+class Runs(Protocol):
+    """A compiled function bound to its buffers."""
+
+    def run(self) -> None:
+        """Call it."""
+
+
+@dataclass(frozen=True)
+class _Through:
+    run: Callable[[], None]
 
 
 class MPC(Controller):
@@ -99,7 +111,8 @@ class MPC(Controller):
 
     def _bind(self, module: Any) -> None:
         buffers = (self._context, self._now, self.measurement)
-        self._tick = module.bind("mpc_tick", *buffers, self._reference, self.torque, self._status)
+        self._plain = module.bind("mpc_tick", *buffers, self._reference, self.torque, self._status)
+        self._tick: Runs = self._plain
         self._prepare = module.bind("mpc_prepare", self._context)
         self._recover = module.bind("mpc_recover", *buffers, self._status)
         self._watchdog = module.bind("mpc_watchdog", self._context, self._now, self.torque, self._status)
@@ -157,6 +170,14 @@ class MPC(Controller):
     def prepare(self) -> None:
         """What the next tick can do before its measurement; to be called when the torque is sent."""
         self._prepare.run()
+
+    def step(self) -> None:
+        """The tick on the buffers as they are."""
+        self._plain.run()
+
+    def through(self, runs: Callable[[], None] | None) -> None:
+        """Let `tick` call ``runs``, which calls `step`, or again the tick alone: to look at what happens around it."""
+        self._tick = self._plain if runs is None else _Through(runs)
 
     def rows(self, reference: Reference) -> Array:
         """The path of every tick (T, (nodes + 1) · 2 axes): the reference at the tick and at the end of every node; past

@@ -56,7 +56,7 @@ def settings_of(arm: Arm, c: Configuration) -> Array:
     def axis(name: str) -> list[float]:
         return each(c[f"admittance.{name}"], axes, f"admittance.{name}", "axes")
 
-    limits = _limits(arm, c)
+    limits = limits_of(arm, c)
     inertia = np.array([drive["motor_inertia"]["nominal"] for drive in drives(arm)])
     ratio = np.array([abs(drive["ratio"]["nominal"]) for drive in drives(arm)])
     mass = np.diag(arm.evaluate("mass_matrix", q=np.full(n, 0.6))["M"].reshape(n, n))
@@ -77,7 +77,8 @@ def settings_of(arm: Arm, c: Configuration) -> Array:
     return np.array(values, float)
 
 
-def _limits(arm: Arm, c: Configuration) -> dict[str, list[float]]:
+def limits_of(arm: Arm, c: Configuration) -> dict[str, list[float]]:
+    """Ranges, motor speeds and joint torques, from the configuration, else from the robot file. Raises PlantError."""
     joints = arm.robot["joints"]
     ratios = [abs(joint["drive"]["ratio"]["nominal"]) for joint in joints]
     stated = [joint["limits"] for joint in joints]

@@ -9,82 +9,103 @@
 
 enum { N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, ALL = N * ROWS };
 
-#define STIFF 1e6   /* weight of a row at its bound */
-#define FEASIBLE 1e-10
+#define STIFF 1e4      /* weight of a row of length 1 at its bound */
+#define STIFFER 100.0  /* factor on it where the multipliers come slowly */
+#define FEASIBLE 1e-11
+#define NEAR 1e-7      /* gaps of the interior point at which the active set is tried */
+#define NEARER 1e-10
 #define SLIGHT 1e-9 /* of values and multipliers that decide on the set */
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
 
 static inline double size(double a) { return a < 0.0 ? -a : a; }
 
-static int finite(const double *a, int count, double most) {
-    int good = 1;
-    for (int i = 0; i < count; i++) good &= a[i] <= most && a[i] >= -most;
-    return good;
-}
+typedef double wide __attribute__((vector_size(64), aligned(8), may_alias));
+typedef long long bits __attribute__((vector_size(64)));
 
-static int not_negative(const double *a, int count) {
-    int good = 1;
-    for (int i = 0; i < count; i++) good &= a[i] >= 0.0;
-    return good;
+/* Whether all entries lie from least to most; NaN does not. */
+static int within(const double *a, int count, double least, double most) {
+    bits wrong = {0};
+    int bad = 0, i = 0;
+    for (; i + 8 <= count; i += 8) {
+        const wide v = *(const wide *)(a + i);
+        wrong |= ~((v >= least) & (v <= most));
+    }
+    for (; i < count; i++) bad |= !(a[i] >= least && a[i] <= most);
+    for (int lane = 0; lane < 8; lane++) bad |= wrong[lane] != 0;
+    return !bad;
 }
 
 int hda_mpc_legal(const hda_mpc_qp *qp) {
-    const double *all = (const double *)qp;
-    const int begun = (int)(qp->low - all);
-    int good = finite(all, begun, HDA_MPC_LARGEST) && finite(qp->linear, ALL, 1e100) && finite(qp->square, ALL, HDA_MPC_LARGEST);
-    good = good && not_negative(qp->linear, ALL) && not_negative(qp->square, ALL);
-    good = good && not_negative(qp->R, N * HDA_N) && not_negative(qp->D, N * HDA_N);
-    for (int e = 0; e < ALL; e++) good &= qp->low[e] <= qp->high[e] && qp->low[e] < HDA_MPC_FREE && qp->high[e] > -HDA_MPC_FREE;
+    const int matrices = (int)(qp->low - qp->first);
+    bits crossed = {0};
+    int bad = !within(qp->first, matrices, -HDA_MPC_LARGEST, HDA_MPC_LARGEST) || !within(qp->low, ALL, -1e100, HDA_MPC_FREE) || !within(qp->high, ALL, -HDA_MPC_FREE, 1e100);
+    bad = bad || !within(qp->linear, ALL, 0.0, 1e100) || !within(qp->square, ALL, 0.0, HDA_MPC_LARGEST);
+    bad = bad || !within(qp->R, N * HDA_N, 0.0, HDA_MPC_LARGEST) || !within(qp->D, N * HDA_N, 0.0, HDA_MPC_LARGEST);
     for (int k = 0; k < N; k++)
-        for (int i = 0; i < HDA_MPC_HARD; i++) good &= qp->linear[k * ROWS + i] >= HDA_MPC_FREE;
-    return good;
+        for (int i = 0; i < HDA_MPC_HARD; i++) bad |= qp->linear[k * ROWS + i] < HDA_MPC_FREE;
+    for (int e = 0; e + 8 <= ALL; e += 8) crossed |= *(const wide *)(qp->low + e) > *(const wide *)(qp->high + e);
+    for (int e = ALL / 8 * 8; e < ALL; e++) bad |= qp->low[e] > qp->high[e];
+    for (int lane = 0; lane < 8; lane++) bad |= crossed[lane] != 0;
+    return !bad;
+}
+
+/* Weights of rows at their bound, by the length of each row. */
+static void stiffen(const hda_mpc_qp *qp, hda_mpc_work *w) {
+    for (int e = 0; e < ALL; e++) w->stiff[e] = STIFF;
+    for (int k = 0; k < N; k++)
+        for (int g = 0; g < HDA_MPC_NG; g++) {
+            const double *row = qp->G + (k * HDA_MPC_NG + g) * HDA_MPC_NX;
+            double length = 1e-6;
+            for (int i = 0; i < HDA_MPC_NX; i++) length += row[i] * row[i];
+            w->stiff[k * ROWS + HDA_MPC_HARD + HDA_MPC_SIMPLES + g] = STIFF / length;
+        }
 }
 
 /* The set from the multipliers of an earlier or a rough solution. */
 static void guess(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
-            const double y = w->y[e], most = qp->linear[e];
-            const double share = size(y);
-            int code = share > 1e-7 ? (share > most + SLIGHT * (1.0 + most) ? 2 : 1) : 0;
-            if (code && (y > 0.0 ? qp->high[e] >= HDA_MPC_FREE : qp->low[e] <= -HDA_MPC_FREE)) code = 0;
-            w->set[e] = y < 0.0 ? -code : code;
-            if (!code) w->y[e] = 0.0;
-        }
+        const double y = w->now.y[e], most = qp->linear[e];
+        const double share = size(y);
+        int code = share > 1e-7 ? (share > most + SLIGHT * (1.0 + most) ? 2 : 1) : 0;
+        if (code && (y > 0.0 ? qp->high[e] >= HDA_MPC_FREE : qp->low[e] <= -HDA_MPC_FREE)) code = 0;
+        w->set[e] = y < 0.0 ? -code : code;
+        if (!code) w->now.y[e] = 0.0;
+    }
 }
 
 static void weights(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
-            const int code = w->set[e];
-            w->weight[e] = code == 0 ? 0.0 : code == 1 || code == -1 ? STIFF : qp->square[e];
-        }
+        const int code = w->set[e];
+        w->weight[e] = code == 0 ? 0.0 : code == 1 || code == -1 ? w->stiff[e] : qp->square[e];
+    }
 }
 
 static void slopes(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
-            const int code = w->set[e];
-            const double bound = code > 0 ? qp->high[e] : qp->low[e];
-            double s = 0.0;
-            if (code == 1 || code == -1) s = w->y[e] - STIFF * bound;
-            else if (code) s = (code > 0 ? qp->linear[e] : -qp->linear[e]) - qp->square[e] * bound;
-            w->slope[e] = s;
-        }
+        const int code = w->set[e];
+        const double bound = code > 0 ? qp->high[e] : qp->low[e];
+        double s = 0.0;
+        if (code == 1 || code == -1) s = w->now.y[e] - w->stiff[e] * bound;
+        else if (code) s = (code > 0 ? qp->linear[e] : -qp->linear[e]) - qp->square[e] * bound;
+        w->slope[e] = s;
+    }
 }
 
 /* Multipliers after a solution; the largest distance of a row in the set from its bound. */
 static double multiply(const hda_mpc_qp *qp, hda_mpc_work *w) {
     double gap = 0.0;
     for (int e = 0; e < ALL; e++) {
-            const int code = w->set[e];
-            if (!code) continue;
-            const double over = w->rows[e] - (code > 0 ? qp->high[e] : qp->low[e]);
-            if (code == 1 || code == -1) {
-                w->y[e] += STIFF * over;
-                gap = larger(gap, size(over));
-            } else {
-                w->y[e] = (code > 0 ? qp->linear[e] : -qp->linear[e]) + qp->square[e] * over;
-            }
+        const int code = w->set[e];
+        if (!code) continue;
+        const double over = w->now.rows[e] - (code > 0 ? qp->high[e] : qp->low[e]);
+        if (code == 1 || code == -1) {
+            w->now.y[e] += w->stiff[e] * over;
+            gap = larger(gap, size(over));
+        } else {
+            w->now.y[e] = (code > 0 ? qp->linear[e] : -qp->linear[e]) + qp->square[e] * over;
         }
+    }
     return gap;
 }
 
@@ -92,25 +113,25 @@ static double multiply(const hda_mpc_qp *qp, hda_mpc_work *w) {
 static int correct(const hda_mpc_qp *qp, hda_mpc_work *w) {
     int changes = 0;
     for (int e = 0; e < ALL; e++) {
-            const int code = w->set[e], side = code < 0 ? -1 : 1;
-            const double r = w->rows[e], y = w->y[e] * side;
-            const double most = qp->linear[e];
-            int next = code;
-            if (code == 0) {
-                if (r > qp->high[e] + SLIGHT) next = 1;
-                else if (r < qp->low[e] - SLIGHT) next = -1;
-            } else if (code == side) {
-                if (y < -SLIGHT) next = 0;
-                else if (y > most * (1.0 + SLIGHT) + SLIGHT) next = 2 * side;
-            } else if (side * (r - (side > 0 ? qp->high[e] : qp->low[e])) < -SLIGHT) {
-                next = side;
-            }
-            if (next == code) continue;
-            changes++;
-            w->set[e] = next;
-            if (next == 0) w->y[e] = 0.0;
-            else if (next != 2 * side) w->y[e] = code ? side * most : 0.0;
+        const int code = w->set[e], side = code < 0 ? -1 : 1;
+        const double r = w->now.rows[e], y = w->now.y[e] * side;
+        const double most = qp->linear[e];
+        int next = code;
+        if (code == 0) {
+            if (r > qp->high[e] + SLIGHT) next = 1;
+            else if (r < qp->low[e] - SLIGHT) next = -1;
+        } else if (code == side) {
+            if (y < -SLIGHT) next = 0;
+            else if (y > most * (1.0 + SLIGHT) + SLIGHT) next = 2 * side;
+        } else if (side * (r - (side > 0 ? qp->high[e] : qp->low[e])) < -SLIGHT) {
+            next = side;
         }
+        if (next == code) continue;
+        changes++;
+        w->set[e] = next;
+        if (next == 0) w->now.y[e] = 0.0;
+        else if (next != 2 * side) w->now.y[e] = code ? side * most : 0.0;
+    }
     return changes;
 }
 
@@ -124,11 +145,13 @@ static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, 
         }
         for (int refine = 0; refine < HDA_MPC_REFINES; refine++) {
             slopes(qp, w);
-            hda_mpc_solve(qp, &w->f, w->slope, w->T, w->x, w->rows);
+            hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
             const double gap = multiply(qp, w);
             if (!(gap < 1e100)) return -1;
             if (correct(qp, w)) break;
             if (gap < FEASIBLE) return 1;
+            if (refine + 1 == HDA_MPC_REFINES) /* the set stands, but its multipliers come slowly */
+                for (int e = 0; e < ALL; e++) w->stiff[e] *= STIFFER;
         }
     }
     return 0;
@@ -137,24 +160,24 @@ static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, 
 /* Hands a solution out if every number of it is one; the torques are cut to what is legal. */
 static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored, int inside, int exact) {
     double worst = 0.0, active = 0.0;
-    if (!finite(w->T, N * HDA_N, 1e100) || !finite(w->x, N * HDA_MPC_NX, 1e100) || !finite(w->y, N * ROWS, 1e100)) return HDA_MPC_BROKEN;
+    if (!within(w->now.T, N * HDA_N, -1e100, 1e100) || !within(w->now.x, N * HDA_MPC_NX, -1e100, 1e100) || !within(w->now.y, N * ROWS, -1e100, 1e100)) return HDA_MPC_BROKEN;
     for (int e = 0; e < ALL; e++) {
-            const double r = w->rows[e];
-            if (qp->linear[e] >= HDA_MPC_FREE) worst = larger(worst, larger(r - qp->high[e], qp->low[e] - r));
-            active += w->y[e] != 0.0;
-        }
+        const double r = w->now.rows[e];
+        if (qp->linear[e] >= HDA_MPC_FREE) worst = larger(worst, larger(r - qp->high[e], qp->low[e] - r));
+        active += w->now.y[e] != 0.0;
+    }
     for (int k = 0; k < N; k++)
         for (int j = 0; j < HDA_N; j++) {
             const double before = k ? s->T[(k - 1) * HDA_N + j] : 0.0;
-            double high = qp->high[k * ROWS + j], low = qp->low[k * ROWS + j], T = w->T[k * HDA_N + j];
+            double high = qp->high[k * ROWS + j], low = qp->low[k * ROWS + j], T = w->now.T[k * HDA_N + j];
             if (before + qp->high[k * ROWS + HDA_N + j] < high) high = before + qp->high[k * ROWS + HDA_N + j];
             if (before + qp->low[k * ROWS + HDA_N + j] > low) low = before + qp->low[k * ROWS + HDA_N + j];
             if (T > high) T = high;
             if (T < low) T = low;
             s->T[k * HDA_N + j] = T;
         }
-    memcpy(s->x, w->x, sizeof s->x);
-    memcpy(s->dual, w->y, sizeof s->dual);
+    memcpy(s->x, w->now.x, sizeof s->x);
+    memcpy(s->dual, w->now.y, sizeof s->dual);
     s->residual = worst;
     s->factored = factored;
     s->interior = inside;
@@ -162,30 +185,31 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
     return exact ? HDA_MPC_SOLVED : HDA_MPC_CAPPED;
 }
 
+/* The interior point comes near; then the active set takes over, exact where its set stands. */
 int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) {
-    int factored = 0, converged = 0;
+    static const double gaps[] = {NEAR, NEARER};
+    int factored = 0, near = 0;
     if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
     hda_mpc_turn(qp, &w->f);
-    const int inside = hda_mpc_inside(qp, w, &converged);
-    if (inside < 0) return HDA_MPC_BROKEN;
-    memcpy(w->kept_T, w->T, sizeof w->T);
-    memcpy(w->kept_x, w->x, sizeof w->x);
-    memcpy(w->kept_y, w->y, sizeof w->y);
-    memcpy(w->kept_rows, w->rows, sizeof w->rows);
-    guess(qp, w);
-    if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1) return hand(qp, s, w, factored + inside, inside, 1);
-    memcpy(w->T, w->kept_T, sizeof w->T);
-    memcpy(w->x, w->kept_x, sizeof w->x);
-    memcpy(w->y, w->kept_y, sizeof w->y);
-    memcpy(w->rows, w->kept_rows, sizeof w->rows);
-    return hand(qp, s, w, factored + inside, inside, converged);
+    stiffen(qp, w);
+    if (hda_mpc_enter(qp, w)) return HDA_MPC_BROKEN;
+    for (int stage = 0; stage < 2; stage++) {
+        near = hda_mpc_approach(qp, w, gaps[stage]);
+        w->kept = w->now;
+        guess(qp, w);
+        if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1) return hand(qp, s, w, factored + w->rounds, w->rounds, 1);
+        w->now = w->kept;
+        if (!near) break;
+    }
+    return hand(qp, s, w, factored + w->rounds, w->rounds, near);
 }
 
 /* The set from the solution's multipliers, and the factors that belong to it. */
 static int expect(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
     hda_mpc_turn(qp, &w->f);
-    memcpy(w->y, s->dual, sizeof w->y);
-    if (!finite(w->y, ALL, HDA_MPC_LARGEST)) return 0;
+    stiffen(qp, w);
+    memcpy(w->now.y, s->dual, sizeof w->now.y);
+    if (!within(w->now.y, ALL, -HDA_MPC_LARGEST, HDA_MPC_LARGEST)) return 0;
     guess(qp, w);
     weights(qp, w);
     return !hda_mpc_factor(qp, w->weight, &w->f);

@@ -8,182 +8,209 @@
 
 #include <string.h>
 
-enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL };
+enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL, BLOCKS = HDA_MPC_BLOCKS };
 
-#define SMALL_GAP 1e-11
 #define CLOSE 1e-9
-#define START 1.0    /* the least distance from a bound to begin with */
+#define START 0.05     /* the least distance from a bound to begin with, per half of the range or 1 */
+#define GAP 0.1        /* product of every pair to begin with */
 #define BOUNDARY 0.995
+
+typedef double W __attribute__((vector_size(64)));
+typedef long long B __attribute__((vector_size(64)));
+
+#define PICK(mask, a, b) ((W)(((mask) & (B)(a)) | (~(mask) & (B)(b))))
+#define LARGER(a, b) PICK((a) > (b), a, b)
+
+static const W zero = {0};
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
 
-/* Where the iterations begin: the rows' values are in w->rows. */
-static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double gap) {
+static inline double most_of(const W *a) {
+    double most = (*a)[0];
+    for (int lane = 1; lane < 8; lane++) most = larger(most, (*a)[lane]);
+    return most;
+}
+
+/* One side of one row. */
+static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low) {
+    hda_mpc_side *z = &w->side[low];
+    const int b = e / 8, i = e % 8, soft = w->soft[b][i] > 0.0;
+    const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->now.rows[e] : w->now.rows[e], other = low ? qp->high[e] : -qp->low[e];
+    if (!(bound < HDA_MPC_FREE)) return;
+    const double range = other < HDA_MPC_FREE && bound + other < 2.0 ? 0.5 * (bound + other) : 1.0, least = START * range + 1e-9;
+    z->there[b][i] = 1.0;
+    z->bound[b][i] = bound;
+    const double s = soft ? larger(r - bound, least) : 0.0, t = larger(bound - r + s, least), v = w->linear[b][i] + w->square[b][i] * s;
+    double l = GAP / t;
+    if (soft && l > 0.5 * v) l = 0.5 * v;
+    z->t[b][i] = t;
+    z->l[b][i] = l;
+    z->s[b][i] = s;
+    if (soft) z->v[b][i] = v - l;
+}
+
+/* Where the iterations begin: the rows' values are in w->now. */
+static void begin(const hda_mpc_qp *qp, hda_mpc_work *w) {
+    memset(w->linear, 0, sizeof w->linear);
+    memset(w->square, 0, sizeof w->square);
+    memset(w->soft, 0, sizeof w->soft);
+    memset(w->side, 0, sizeof w->side);
+    for (int low = 0; low < 2; low++)
+        for (int b = 0; b < BLOCKS; b++) w->side[low].t[b] = w->side[low].v[b] = 1.0 - zero;
     for (int e = 0; e < ALL; e++) {
-            const int soft = qp->linear[e] < HDA_MPC_FREE;
-            w->soft[e] = soft;
-            w->linear[e] = soft ? qp->linear[e] : 0.0;
-            w->square[e] = soft ? qp->square[e] : 0.0;
-            if (soft && w->linear[e] + w->square[e] == 0.0) w->linear[e] = 1e-12; /* costs nothing: it has room for its multiplier */
-            for (int low = 0; low < 2; low++) {
-                hda_mpc_side *z = &w->side[low];
-                const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->rows[e] : w->rows[e];
-                const int there = bound < HDA_MPC_FREE;
-                z->there[e] = there;
-                z->bound[e] = there ? bound : 0.0;
-                z->t[e] = z->v[e] = 1.0;
-                z->l[e] = z->s[e] = 0.0;
-                z->dt[e] = z->dl[e] = z->ds[e] = z->dv[e] = 0.0;
-                if (!there) continue;
-                z->t[e] = larger(bound - r, START);
-                z->l[e] = gap / z->t[e];
-                if (!soft) continue;
-                z->s[e] = larger(r - bound, START);
-                z->t[e] = larger(bound - r + z->s[e], START);
-                z->v[e] = w->linear[e] + w->square[e] * z->s[e];
-                if (z->l[e] > 0.5 * z->v[e]) z->l[e] = 0.5 * z->v[e];
-                z->v[e] -= z->l[e];
-            }
+        if (!(qp->linear[e] < HDA_MPC_FREE)) continue;
+        w->soft[e / 8][e % 8] = 1.0;
+        w->linear[e / 8][e % 8] = qp->linear[e] + qp->square[e] > 0.0 ? qp->linear[e] : 1e-12; /* costs nothing: room for its multiplier */
+        w->square[e / 8][e % 8] = qp->square[e];
+    }
+    w->pairs = 0.0;
+    for (int e = 0; e < ALL; e++)
+        for (int low = 0; low < 2; low++) {
+            begin_side(qp, w, e, low);
+            w->pairs += w->side[low].there[e / 8][e % 8] * (1.0 + w->soft[e / 8][e % 8]);
         }
+    if (w->pairs == 0.0) w->pairs = 1.0;
 }
 
 /* Residuals and weights; returns the largest residual. */
 static double measure(hda_mpc_work *w) {
-    double worst = 0.0, *restrict weight = w->weight;
+    W worst = zero;
+    hda_mpc_wide *weight = (hda_mpc_wide *)w->weight;
     for (int low = 0; low < 2; low++) {
-        hda_mpc_side *restrict z = &w->side[low];
+        hda_mpc_side *z = &w->side[low];
         const double side = low ? -1.0 : 1.0;
-        for (int e = 0; e < ALL; e++) {
-            const double softness = z->v[e] + w->square[e] * z->s[e];
-            const double D = w->soft[e] * z->s[e] / softness;
-            z->over[e] = z->there[e] * (z->t[e] - z->bound[e] + side * w->rows[e] - z->s[e]);
-            z->open[e] = z->there[e] * w->soft[e] * (z->v[e] - w->linear[e] - w->square[e] * z->s[e] + z->l[e]);
-            z->give[e] = 1.0 / (z->t[e] + z->l[e] * D);
-            weight[e] = (low ? weight[e] : 0.0) + z->l[e] * z->give[e];
-        }
-        for (int e = 0; e < ALL; e++) {
-            const double a = z->over[e] < 0.0 ? -z->over[e] : z->over[e], b = z->open[e] < 0.0 ? -z->open[e] : z->open[e];
-            worst = larger(worst, larger(a, b));
+        for (int b = 0; b < BLOCKS; b++) {
+            const W ease = w->soft[b] / (z->v[b] + w->square[b] * z->s[b]);
+            const W over = z->there[b] * (z->t[b] - z->bound[b] + side * *(hda_mpc_wide *)(w->now.rows + 8 * b) - z->s[b]);
+            const W open = z->there[b] * w->soft[b] * (z->v[b] - w->linear[b] - w->square[b] * z->s[b] + z->l[b]);
+            const W give = 1.0 / (z->t[b] + z->l[b] * z->s[b] * ease);
+            const W a = LARGER(over, -over), c = LARGER(open, -open), d = LARGER(a, c);
+            z->over[b] = over;
+            z->open[b] = open;
+            z->give[b] = give;
+            z->ease[b] = ease;
+            if (low) weight[b] += z->l[b] * give;
+            else weight[b] = z->l[b] * give;
+            worst = LARGER(worst, d);
         }
     }
-    return worst;
+    return most_of(&worst);
 }
 
-/* Slopes of the rows for the products' residuals. */
-static void lean(hda_mpc_work *w) {
-    double *restrict slope = w->slope;
+/* Slopes of the rows for the products' residuals: towards `target`, with the second order of the last step where `second` is 1. */
+static void lean(hda_mpc_work *w, double target, double second) {
+    hda_mpc_wide *slope = (hda_mpc_wide *)w->slope;
     for (int low = 0; low < 2; low++) {
-        const hda_mpc_side *restrict z = &w->side[low];
+        hda_mpc_side *z = &w->side[low];
         const double side = low ? -1.0 : 1.0;
-        for (int e = 0; e < ALL; e++) {
-            const double softness = 1.0 / (z->v[e] + w->square[e] * z->s[e]);
-            const double shift = w->soft[e] * softness * (z->s[e] * z->open[e] - z->soft_product[e]);
-            const double push = z->l[e] + z->give[e] * (z->l[e] * (z->over[e] - shift - side * w->rows[e]) - z->product[e]);
-            slope[e] = (low ? slope[e] : 0.0) + side * push;
+        for (int b = 0; b < BLOCKS; b++) {
+            const W product = z->there[b] * (z->l[b] * z->t[b] + second * z->dl[b] * z->dt[b] - target);
+            const W soft_product = z->there[b] * w->soft[b] * (z->s[b] * z->v[b] + second * z->ds[b] * z->dv[b] - target);
+            const W shift = z->ease[b] * (z->s[b] * z->open[b] - soft_product);
+            const W push = z->l[b] + z->give[b] * (z->l[b] * (z->over[b] - shift - side * *(hda_mpc_wide *)(w->now.rows + 8 * b)) - product);
+            z->product[b] = product;
+            z->soft_product[b] = soft_product;
+            if (low) slope[b] -= push;
+            else slope[b] = push;
         }
     }
 }
 
 /* The Newton step that belongs to the new values of the rows; the longest share of it that keeps everything positive. */
-static double stride(hda_mpc_work *w, const double *restrict fresh) {
-    double share = 1.0;
+static double stride(hda_mpc_work *w) {
+    W most = 1e-300 - zero; /* of -change / value */
     for (int low = 0; low < 2; low++) {
-        hda_mpc_side *restrict z = &w->side[low];
+        hda_mpc_side *z = &w->side[low];
         const double side = low ? -1.0 : 1.0;
-        double most = 1e-300; /* of -change / value */
-        for (int e = 0; e < ALL; e++) {
-            const double softness = 1.0 / (z->v[e] + w->square[e] * z->s[e]), D = w->soft[e] * z->s[e] * softness;
-            const double shift = w->soft[e] * softness * (z->s[e] * z->open[e] - z->soft_product[e]);
-            const double dr = side * (fresh[e] - w->rows[e]);
-            const double dl = z->give[e] * (z->l[e] * (dr - shift + z->over[e]) - z->product[e]);
-            const double ds = z->there[e] * (D * dl + shift);
-            z->dl[e] = dl;
-            z->ds[e] = ds;
-            z->dt[e] = z->there[e] * (ds - dr - z->over[e]);
-            z->dv[e] = z->there[e] * w->soft[e] * (w->square[e] * ds - dl - z->open[e]);
+        for (int b = 0; b < BLOCKS; b++) {
+            const W shift = z->ease[b] * (z->s[b] * z->open[b] - z->soft_product[b]), gone = 1.0 - z->there[b];
+            const W dr = side * (*(hda_mpc_wide *)(w->next.rows + 8 * b) - *(hda_mpc_wide *)(w->now.rows + 8 * b));
+            const W dl = z->give[b] * (z->l[b] * (dr - shift + z->over[b]) - z->product[b]);
+            const W ds = z->there[b] * (z->s[b] * z->ease[b] * dl + shift);
+            const W dt = z->there[b] * (ds - dr - z->over[b]), dv = z->there[b] * w->soft[b] * (w->square[b] * ds - dl - z->open[b]);
+            const W pair = 1.0 / (z->t[b] * z->l[b] + gone), soft_pair = 1.0 / (z->s[b] * z->v[b] + (1.0 - w->soft[b] * z->there[b]));
+            const W a = -dt * z->l[b] * pair, c = -dl * z->t[b] * pair, e = -ds * z->v[b] * soft_pair, g = -dv * z->s[b] * soft_pair;
+            const W first = LARGER(a, c), last = LARGER(e, g), both = LARGER(first, last);
+            z->dl[b] = dl;
+            z->ds[b] = ds;
+            z->dt[b] = dt;
+            z->dv[b] = dv;
+            most = LARGER(most, both);
         }
-        for (int e = 0; e < ALL; e++) {
-            const double a = -z->dt[e] / z->t[e], c = -z->dv[e] / z->v[e];
-            const double b = z->l[e] > 0.0 ? -z->dl[e] / z->l[e] : 0.0, d = z->s[e] > 0.0 ? -z->ds[e] / z->s[e] : 0.0;
-            most = larger(most, larger(larger(a, b), larger(c, d)));
-        }
-        if (share * most > 1.0) share = 1.0 / most;
     }
-    return share;
+    const double longest = most_of(&most);
+    return longest > 1.0 ? 1.0 / longest : 1.0;
 }
 
 /* Mean of the products after a share of the step. */
-static double mean(const hda_mpc_work *w, double share, double pairs) {
-    double sum = 0.0;
+static double mean(const hda_mpc_work *w, double share) {
+    W sum = zero;
+    double all = 0.0;
     for (int low = 0; low < 2; low++) {
-        const hda_mpc_side *restrict z = &w->side[low];
-        for (int e = 0; e < ALL; e++)
-            sum += z->there[e] * ((z->t[e] + share * z->dt[e]) * (z->l[e] + share * z->dl[e]) + w->soft[e] * (z->s[e] + share * z->ds[e]) * (z->v[e] + share * z->dv[e]));
-    }
-    return sum / pairs;
-}
-
-/* Residuals of the products: towards `target`, with the second order of the last step where `second` is 1. */
-static void aim(hda_mpc_work *w, double target, double second) {
-    for (int low = 0; low < 2; low++) {
-        hda_mpc_side *restrict z = &w->side[low];
-        for (int e = 0; e < ALL; e++) {
-            z->product[e] = z->there[e] * (z->l[e] * z->t[e] + second * z->dl[e] * z->dt[e] - target);
-            z->soft_product[e] = z->there[e] * w->soft[e] * (z->s[e] * z->v[e] + second * z->ds[e] * z->dv[e] - target);
+        const hda_mpc_side *z = &w->side[low];
+        for (int b = 0; b < BLOCKS; b++) {
+            const W pair = (z->t[b] + share * z->dt[b]) * (z->l[b] + share * z->dl[b]), soft = (z->s[b] + share * z->ds[b]) * (z->v[b] + share * z->dv[b]);
+            sum += z->there[b] * (pair + w->soft[b] * soft);
         }
     }
+    for (int lane = 0; lane < 8; lane++) all += sum[lane];
+    return all / w->pairs;
 }
 
 static void advance(hda_mpc_work *w, double share) {
+    double *now = w->now.T;
+    const double *next = w->next.T;
     for (int low = 0; low < 2; low++) {
-        hda_mpc_side *restrict z = &w->side[low];
-        for (int e = 0; e < ALL; e++) {
-            z->t[e] += share * z->dt[e];
-            z->l[e] += share * z->dl[e];
-            z->s[e] += share * z->ds[e];
-            z->v[e] += share * z->dv[e];
+        hda_mpc_side *z = &w->side[low];
+        for (int b = 0; b < BLOCKS; b++) {
+            z->t[b] += share * z->dt[b];
+            z->l[b] += share * z->dl[b];
+            z->s[b] += share * z->ds[b];
+            z->v[b] += share * z->dv[b];
         }
     }
-    for (int e = 0; e < ALL; e++) w->rows[e] += share * (w->kept_rows[e] - w->rows[e]);
-    for (int e = 0; e < N * HDA_N; e++) w->T[e] += share * (w->kept_T[e] - w->T[e]);
-    for (int e = 0; e < N * HDA_MPC_NX; e++) w->x[e] += share * (w->kept_x[e] - w->x[e]);
+    for (int e = 0; e < N * HDA_N; e++) now[e] += share * (next[e] - now[e]);
+    for (int e = 0; e < N * HDA_MPC_NX; e++) w->now.x[e] += share * (w->next.x[e] - w->now.x[e]);
+    for (int e = 0; e < ALL; e++) w->now.rows[e] += share * (w->next.rows[e] - w->now.rows[e]);
 }
 
-int hda_mpc_inside(const hda_mpc_qp *qp, hda_mpc_work *w, int *converged) {
-    double pairs = 0.0, unmet = 1.0; /* share of the first residual of stationarity that is left */
-    int rounds = 0;
-    *converged = 0;
+int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w) {
     memset(w->weight, 0, sizeof w->weight);
     memset(w->slope, 0, sizeof w->slope);
-    if (hda_mpc_factor(qp, w->weight, &w->f)) {
+    memset(&w->next, 0, sizeof w->next);
+    memset(&w->now, 0, sizeof w->now);
+    w->rounds = 0;
+    w->unmet = 1.0;
+    if (hda_mpc_factor(qp, w->weight, &w->f)) { /* curved only by its rows, perhaps */
         for (int e = 0; e < ALL; e++) w->weight[e] = 1.0;
         if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
     }
-    hda_mpc_solve(qp, &w->f, w->slope, w->T, w->x, w->rows);
-    begin(qp, w, 1.0);
-    for (int low = 0; low < 2; low++)
-        for (int e = 0; e < ALL; e++) pairs += w->side[low].there[e] * (1.0 + w->soft[e]);
-    if (pairs == 0.0) pairs = 1.0;
-    for (; rounds < HDA_MPC_INTERIOR; rounds++) {
-        const double worst = measure(w);
-        const double gap = mean(w, 0.0, pairs);
-        if (worst < CLOSE && gap < SMALL_GAP && unmet < CLOSE) {
-            *converged = 1;
-            break;
-        }
-        if (!(worst < 1e100) || !(gap < 1e100) || hda_mpc_factor(qp, w->weight, &w->f)) break;
-        aim(w, 0.0, 0.0);
-        lean(w);
-        hda_mpc_solve(qp, &w->f, w->slope, w->kept_T, w->kept_x, w->kept_rows);
-        const double first = stride(w, w->kept_rows), left = mean(w, first, pairs) / larger(gap, 1e-300);
-        aim(w, left * left * left * gap, 1.0);
-        lean(w);
-        hda_mpc_solve(qp, &w->f, w->slope, w->kept_T, w->kept_x, w->kept_rows);
-        double share = stride(w, w->kept_rows);
+    hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
+    begin(qp, w);
+    return 0;
+}
+
+int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
+    hda_mpc_point *next = &w->next;
+    int near = 0;
+    for (; w->rounds < HDA_MPC_INTERIOR; w->rounds++) {
+        const double worst = measure(w), gap = mean(w, 0.0);
+        near = worst < larger(CLOSE, wanted) && gap < wanted && w->unmet < larger(CLOSE, wanted);
+        if (near || !(worst < 1e100) || !(gap < 1e100) || hda_mpc_factor(qp, w->weight, &w->f)) break;
+        lean(w, 0.0, 0.0);
+        hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
+        const double first = stride(w), left = mean(w, first) / larger(gap, 1e-300);
+        lean(w, left * left * left * gap, 1.0);
+        hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
+        double share = stride(w);
         share = share < 1.0 ? BOUNDARY * share : 1.0;
         advance(w, share);
-        unmet *= 1.0 - share;
+        w->unmet *= 1.0 - share;
     }
-    for (int e = 0; e < ALL; e++) w->y[e] = w->side[0].l[e] - w->side[1].l[e];
-    return rounds + 1;
+    for (int e = 0; e < ALL; e++) {
+        const double high = w->side[0].l[e / 8][e % 8], low = w->side[1].l[e / 8][e % 8];
+        const double far_high = w->side[0].t[e / 8][e % 8], far_low = w->side[1].t[e / 8][e % 8];
+        w->now.y[e] = near && wanted > 1e-9 ? (high > far_high ? high : 0.0) - (low > far_low ? low : 0.0) : high - low;
+    }
+    return near;
 }

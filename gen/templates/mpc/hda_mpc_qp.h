@@ -21,7 +21,8 @@ enum {
     HDA_MPC_HARD = 2 * HDA_N,
     HDA_MPC_SOFT = HDA_MPC_SIMPLES + HDA_MPC_NG,
     HDA_MPC_ROWS = HDA_MPC_HARD + HDA_MPC_SOFT,
-    HDA_MPC_ALL = HDA_MPC_N * HDA_MPC_ROWS
+    HDA_MPC_ALL = HDA_MPC_N * HDA_MPC_ROWS,
+    HDA_MPC_PADDED = (HDA_MPC_ALL + 7) / 8 * 8 /* whole vectors */
 };
 
 #define HDA_MPC_FREE 1e20

@@ -1,4 +1,4 @@
-/* Riccati's recursion over the horizon, sizes fixed, inner loops along columns so that they become vectors.
+/* Riccati's recursion over the horizon, sizes fixed, columns as vectors.
  *
  * Legend: value of node k + 1: 1/2 x'P x + x'S p + 1/2 p'Z p + e'x + o'p, p the torque before (T_k itself); Q.. blocks of node k;
  * M = Quu - D. Only T - p couples p to its node, so p costs n columns and no rows: Qup = -D.
@@ -8,178 +8,252 @@
 
 #include <string.h>
 
-enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, SIMPLES = HDA_MPC_SIMPLES, NG = HDA_MPC_NG, HARD = HDA_MPC_HARD, ROWS = HDA_MPC_ROWS, XX = NX * NX, XU = NX * NU };
+enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, SIMPLES = HDA_MPC_SIMPLES, NG = HDA_MPC_NG, HARD = HDA_MPC_HARD, ROWS = HDA_MPC_ROWS };
+
+typedef double V __attribute__((vector_size(8 * HDA_MPC_NX_WIDE)));
+typedef double U __attribute__((vector_size(8 * HDA_MPC_N_WIDE)));
 
 static const int simple[] = HDA_MPC_SIMPLE;
+static const V none = {0};
+static const U nothing = {0};
 
-void hda_mpc_turn(const hda_mpc_qp *qp, hda_mpc_factors *f) {
-    for (int k = 0; k < N; k++)
-        for (int j = 0; j < NX; j++)
-            for (int i = 0; i < NX; i++) f->turned[k * XX + i * NX + j] = qp->A[k * XX + j * NX + i];
+static inline void load(const double *from, hda_mpc_column *to) {
+    V made = {0};
+    memcpy(&made, from, NX * sizeof *from);
+    *to = made;
 }
 
-/* C (NX x columns) = A (NX x NX) X. */
-static inline void times(const double *restrict A, const double *restrict X, int columns, double *restrict C) {
-    for (int j = 0; j < columns; j++) {
-        double sum[NX] = {0};
-        for (int l = 0; l < NX; l++)
-            for (int i = 0; i < NX; i++) sum[i] += A[l * NX + i] * X[j * NX + l];
-        for (int i = 0; i < NX; i++) C[j * NX + i] = sum[i];
+static inline void load_short(const double *from, hda_mpc_short *to) {
+    U made = {0};
+    memcpy(&made, from, NU * sizeof *from);
+    *to = made;
+}
+
+/* sum of a column's entries: halves are added, so that it takes as many steps as the width has bits. */
+static inline double total(const V *a) {
+    double part[HDA_MPC_NX_WIDE];
+    memcpy(part, a, sizeof part);
+    for (int half = HDA_MPC_NX_WIDE / 2; half > 0; half /= 2)
+        for (int i = 0; i < half; i++) part[i] += part[i + half];
+    return part[0];
+}
+
+/* sum over l of M_l x_l: a matrix by its columns; two sums, so that neither waits long. */
+static inline void times(const hda_mpc_column *M, const double *x, hda_mpc_column *out) {
+    V even = M[0] * x[0], odd = none;
+    for (int l = 1; l < NX; l += 2) odd += M[l] * x[l];
+    for (int l = 2; l < NX; l += 2) even += M[l] * x[l];
+    *out = even + odd;
+}
+
+static inline void times_short(const hda_mpc_short *M, const double *x, hda_mpc_short *out) {
+    U even = M[0] * x[0], odd = nothing;
+    for (int l = 1; l < NX; l += 2) odd += M[l] * x[l];
+    for (int l = 2; l < NX; l += 2) even += M[l] * x[l];
+    *out = even + odd;
+}
+
+void hda_mpc_turn(const hda_mpc_qp *qp, hda_mpc_factors *f) {
+    for (int k = 0; k < N; k++) {
+        hda_mpc_node *d = &f->node[k];
+        double row[HDA_MPC_NX_WIDE] = {0}, across[NU];
+        const double *A = qp->A + k * NX * NX, *B = qp->B + k * NX * NU;
+        for (int j = 0; j < NX; j++) {
+            load(A + j * NX, &d->A[j]);
+            for (int i = 0; i < NX; i++) row[i] = A[i * NX + j];
+            load(row, &d->turned[j]);
+            for (int i = 0; i < NU; i++) across[i] = B[i * NX + j];
+            load_short(across, &d->across[j]);
+        }
+        for (int j = 0; j < NU; j++) load(B + j * NX, &d->B[j]);
+        for (int g = 0; g < NG; g++) load(qp->G + (k * NG + g) * NX, &d->G[g]);
+        load(qp->b + k * NX, &d->b);
     }
 }
 
-static inline double dot(const double *restrict a, const double *restrict b) {
-    double sum = 0.0;
-    for (int i = 0; i < NX; i++) sum += a[i] * b[i];
-    return sum;
-}
-
 /* P += H + the weighted rows of the state. */
-static inline void weigh(const hda_mpc_qp *qp, int k, const double *weight, double *restrict P) {
-    for (int i = 0; i < NX * NX; i++) P[i] += qp->H[k * XX + i];
-    for (int i = 0; i < SIMPLES; i++) P[simple[i] * (NX + 1)] += weight[HARD + i];
+static inline void weigh(const hda_mpc_qp *qp, const hda_mpc_node *d, int k, const double *weight, V *P) {
+    for (int j = 0; j < NX; j++) {
+        V H;
+        load(qp->H + (k * NX + j) * NX, &H);
+        P[j] += H;
+    }
+    for (int i = 0; i < SIMPLES; i++) P[simple[i]][simple[i]] += weight[HARD + i];
     for (int g = 0; g < NG; g++) {
         const double w = weight[HARD + SIMPLES + g];
-        const double *restrict row = qp->G + (k * NG + g) * NX;
         if (w == 0.0) continue;
-        for (int j = 0; j < NX; j++)
-            for (int i = 0; i < NX; i++) P[j * NX + i] += w * row[j] * row[i];
+        const V row = w * d->G[g];
+        for (int j = 0; j < NX; j++) P[j] += row * d->G[g][j];
     }
 }
 
 /* inverse of Q (NU x NU), by L D L'; 0, or -1 where a pivot is not positive. */
-static inline int invert(double *restrict Q, double *restrict inverse) {
-    double pivot[NU], most = 0.0;
-    for (int i = 0; i < NU; i++) most = Q[i * NU + i] > most ? Q[i * NU + i] : most;
+static inline int invert(U *Q, hda_mpc_short *inverse) {
+    double pivot[NU], share[NU], most = 0.0;
+    for (int i = 0; i < NU; i++) most = Q[i][i] > most ? Q[i][i] : most;
     for (int j = 0; j < NU; j++) {
-        pivot[j] = Q[j * NU + j];
-        for (int m = 0; m < j; m++) pivot[j] -= Q[m * NU + j] * Q[m * NU + j] * pivot[m];
+        pivot[j] = Q[j][j];
+        for (int m = 0; m < j; m++) pivot[j] -= Q[m][j] * Q[m][j] * pivot[m];
         if (!(pivot[j] > 1e-14 * most) || !(pivot[j] < 1e200)) return -1;
+        share[j] = 1.0 / pivot[j];
         for (int i = j + 1; i < NU; i++) {
-            double value = Q[j * NU + i];
-            for (int m = 0; m < j; m++) value -= Q[m * NU + i] * Q[m * NU + j] * pivot[m];
-            Q[j * NU + i] = value / pivot[j];
+            double value = Q[j][i];
+            for (int m = 0; m < j; m++) value -= Q[m][i] * Q[m][j] * pivot[m];
+            Q[j][i] = value * share[j];
         }
     }
     for (int c = 0; c < NU; c++) {
         double y[NU];
+        U column = nothing;
         for (int i = 0; i < NU; i++) {
             y[i] = i == c ? 1.0 : 0.0;
-            for (int m = 0; m < i; m++) y[i] -= Q[m * NU + i] * y[m];
+            for (int m = 0; m < i; m++) y[i] -= Q[m][i] * y[m];
         }
         for (int i = NU - 1; i >= 0; i--) {
-            y[i] /= pivot[i];
-            for (int m = i + 1; m < NU; m++) y[i] -= Q[i * NU + m] * inverse[c * NU + m];
-            inverse[c * NU + i] = y[i];
+            y[i] *= share[i];
+            for (int m = i + 1; m < NU; m++) y[i] -= Q[i][m] * y[m];
+            column[i] = y[i];
         }
+        inverse[c] = column;
     }
     return 0;
 }
 
-/* One node backwards: P, S, Z of node k + 1 become those of node k. */
-static inline int back(const hda_mpc_qp *qp, int k, const double *weight, hda_mpc_factors *f, double *restrict P, double *restrict S, double *restrict Z) {
-    double PA[NX * NX], PBS[NX * NU], M[NU * NU], Q[NU * NU], SD[NX * NU], next[NX * NX];
-    const double *A = qp->A + k * XX, *B = qp->B + k * XU, *b = qp->b + k * NX, *turned = f->turned + k * XX;
-    double *restrict reach = f->reach + k * XU, *restrict gain = f->gain + k * XU, *restrict inverse = f->inverse + k * NU * NU, *restrict step = f->step + k * NU;
-    weigh(qp, k, weight, P);
-    times(P, A, NX, PA);
-    times(P, B, NU, PBS);
-    times(P, b, 1, f->moved + k * NX);
-    for (int j = 0; j < NU; j++) {
-        f->pulled[k * NU + j] = dot(S + j * NX, b);
-        for (int i = 0; i < NU; i++) M[j * NU + i] = dot(B + i * NX, PBS + j * NX) + dot(B + i * NX, S + j * NX) + dot(S + i * NX, B + j * NX) + Z[j * NU + i];
-    }
-    for (int i = 0; i < NX * NU; i++) PBS[i] += S[i];
-    times(turned, PBS, NU, reach);
-    for (int j = 0; j < NU; j++) {
-        step[j] = qp->D[k * NU + j] + weight[NU + j];
-        M[j * NU + j] += qp->R[k * NU + j] + weight[j];
-    }
-    for (int i = 0; i < NU * NU; i++) Q[i] = M[i];
-    for (int j = 0; j < NU; j++) Q[j * NU + j] += step[j];
-    if (invert(Q, inverse)) return -1;
-    memset(gain, 0, XU * sizeof *gain);
-    for (int j = 0; j < NU; j++)
-        for (int m = 0; m < NU; m++)
-            for (int i = 0; i < NX; i++) gain[j * NX + i] += inverse[j * NU + m] * reach[m * NX + i];
-    times(turned, PA, NX, next);
-    for (int m = 0; m < NU; m++)
-        for (int j = 0; j < NX; j++)
-            for (int i = 0; i < NX; i++) next[j * NX + i] -= gain[m * NX + i] * reach[m * NX + j];
+/* What node k + 1 is worth. */
+typedef struct worth {
+    V P[NX], S[NU];
+    U Z[NU];
+} worth;
+
+static inline void even_out(V *P) {
     for (int j = 0; j < NX; j++)
-        for (int i = 0; i < NX; i++) P[j * NX + i] = 0.5 * (next[j * NX + i] + next[i * NX + j]);
+        for (int i = 0; i < j; i++) P[j][i] = P[i][j] = 0.5 * (P[j][i] + P[i][j]);
+}
+
+/* One node backwards. */
+static inline int back(const hda_mpc_qp *qp, int k, const double *weight, hda_mpc_node *d, worth *w) {
+    V PA[NX], PB[NU], reach[NU], next[NX];
+    U M[NU], Q[NU], Z[NU];
+    weigh(qp, d, k, weight, w->P);
+    for (int j = 0; j < NX; j++) times(w->P, (const double *)&d->A[j], &PA[j]);
+    for (int j = 0; j < NU; j++) times(w->P, (const double *)&d->B[j], &PB[j]);
+    times(w->P, (const double *)&d->b, &d->moved);
+    d->pulled = nothing;
+    for (int j = 0; j < NU; j++) {
+        const V product = w->S[j] * d->b, both = PB[j] + w->S[j];
+        U side;
+        d->pulled[j] = total(&product);
+        times_short(d->across, (const double *)&both, &M[j]); /* B'(P B + S) */
+        times_short(d->across, (const double *)&w->S[j], &side);
+        Z[j] = side; /* B'S, by columns */
+        reach[j] = both;
+    }
     for (int j = 0; j < NU; j++)
-        for (int i = 0; i < NX; i++) SD[j * NX + i] = gain[j * NX + i] * step[j];
-    memcpy(S, SD, sizeof SD);
+        for (int i = 0; i < NU; i++) M[j][i] += Z[i][j] + w->Z[j][i];
+    for (int j = 0; j < NU; j++) {
+        V at;
+        times(d->turned, (const double *)&reach[j], &at); /* Qux' = A'(P B + S) */
+        reach[j] = at;
+        d->step[j] = qp->D[k * NU + j] + weight[NU + j];
+        M[j][j] += qp->R[k * NU + j] + weight[j];
+        Q[j] = M[j];
+        Q[j][j] += d->step[j];
+    }
+    if (invert(Q, d->inverse)) return -1;
+    for (int j = 0; j < NU; j++) {
+        V sum = reach[0] * d->inverse[j][0];
+        for (int m = 1; m < NU; m++) sum += reach[m] * d->inverse[j][m];
+        d->gain[j] = sum;
+        d->kept[j] = d->inverse[j] * d->step[j];
+        for (int i = 0; i < NX; i++) d->feed[i][j] = sum[i];
+        w->S[j] = sum * d->step[j];
+    }
+    for (int j = 0; j < NX; j++) {
+        times(d->turned, (const double *)&PA[j], &next[j]);
+        for (int m = 0; m < NU; m++) next[j] -= d->gain[m] * reach[m][j];
+    }
+    memcpy(w->P, next, sizeof next);
+    if (k % 4 == 0) even_out(w->P);
+    for (int j = 0; j < NU; j++) {
+        U sum = d->inverse[0] * M[j][0];
+        for (int m = 1; m < NU; m++) sum += d->inverse[m] * M[j][m];
+        Z[j] = sum * d->step;
+    }
     for (int j = 0; j < NU; j++)
-        for (int i = 0; i < NU; i++) {
-            double sum = 0.0;
-            for (int m = 0; m < NU; m++) sum += inverse[m * NU + i] * M[j * NU + m];
-            Q[j * NU + i] = step[i] * sum;
-        }
-    for (int j = 0; j < NU; j++)
-        for (int i = 0; i < NU; i++) Z[j * NU + i] = 0.5 * (Q[j * NU + i] + Q[i * NU + j]);
+        for (int i = 0; i < NU; i++) w->Z[j][i] = 0.5 * (Z[j][i] + Z[i][j]);
     return 0;
 }
 
 int hda_mpc_factor(const hda_mpc_qp *qp, const double *weight, hda_mpc_factors *f) {
-    double P[NX * NX] = {0}, S[NX * NU] = {0}, Z[NU * NU] = {0};
+    worth w;
+    memset(&w, 0, sizeof w);
     for (int k = N - 1; k >= 0; k--)
-        if (back(qp, k, weight + k * ROWS, f, P, S, Z)) return -1;
+        if (back(qp, k, weight + k * ROWS, &f->node[k], &w)) return -1;
     return 0;
 }
 
 /* The slope of the cost by the state of node k + 1. */
-static inline void tilt(const hda_mpc_qp *qp, int k, const double *slope, double *restrict e) {
-    for (int i = 0; i < NX; i++) e[i] += qp->h[k * NX + i];
-    for (int i = 0; i < SIMPLES; i++) e[simple[i]] += slope[HARD + i];
-    for (int g = 0; g < NG; g++) {
-        const double s = slope[HARD + SIMPLES + g];
-        for (int i = 0; i < NX; i++) e[i] += s * qp->G[(k * NG + g) * NX + i];
-    }
+static inline void tilt(const hda_mpc_qp *qp, const hda_mpc_node *d, int k, const double *slope, V *e) {
+    V h;
+    load(qp->h + k * NX, &h);
+    h += *e;
+    for (int g = 0; g < NG; g++) h += d->G[g] * slope[HARD + SIMPLES + g];
+    for (int i = 0; i < SIMPLES; i++) h[simple[i]] += slope[HARD + i];
+    *e = h;
 }
 
-static inline void values(const hda_mpc_qp *qp, int k, const double *T, const double *before, const double *x, double *row) {
-    for (int j = 0; j < NU; j++) {
-        row[j] = T[j];
-        row[NU + j] = T[j] - before[j];
+/* Values of all rows of a node. */
+static inline void values(const hda_mpc_node *d, const U *T, const U *before, const V *x, double *row) {
+    const U change = *T - *before;
+    memcpy(row, T, NU * sizeof *row);
+    memcpy(row + NU, &change, NU * sizeof *row);
+    for (int i = 0; i < SIMPLES; i++) row[HARD + i] = (*x)[simple[i]];
+    for (int g = 0; g < NG; g++) {
+        const V product = d->G[g] * *x;
+        row[HARD + SIMPLES + g] = total(&product);
     }
-    for (int i = 0; i < SIMPLES; i++) row[HARD + i] = x[simple[i]];
-    for (int g = 0; g < NG; g++) row[HARD + SIMPLES + g] = dot(qp->G + (k * NG + g) * NX, x);
 }
 
 void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *slope, double *T, double *x, double *rows) {
-    static const double still[NU];
-    double e[NX] = {0}, o[NU] = {0}, idle[N * NU];
+    U idle[N], o = nothing, before = nothing;
+    V e = none, now;
     for (int k = N - 1; k >= 0; k--) { /* idle = Quu^-1 qu */
+        const hda_mpc_node *d = &f->node[k];
         const double *lean = slope + k * ROWS;
-        double q[NU], next[NX];
-        tilt(qp, k, slope + k * ROWS, e);
-        for (int i = 0; i < NX; i++) e[i] += f->moved[k * NX + i];
-        for (int j = 0; j < NU; j++)
-            q[j] = qp->r[k * NU + j] + lean[j] + qp->d[k * NU + j] + lean[NU + j] + dot(qp->B + k * XU + j * NX, e) + f->pulled[k * NU + j] + o[j];
-        for (int i = 0; i < NU; i++) {
-            idle[k * NU + i] = 0.0;
-            for (int j = 0; j < NU; j++) idle[k * NU + i] += f->inverse[(k * NU + j) * NU + i] * q[j];
-        }
-        times(f->turned + k * XX, e, 1, next);
-        for (int j = 0; j < NU; j++)
-            for (int i = 0; i < NX; i++) next[i] -= f->gain[k * XU + j * NX + i] * q[j];
-        memcpy(e, next, sizeof e);
-        for (int j = 0; j < NU; j++) o[j] = f->step[k * NU + j] * idle[k * NU + j] - qp->d[k * NU + j] - lean[NU + j];
+        U q, r, change, own, turn;
+        tilt(qp, d, k, lean, &e);
+        e += d->moved;
+        load_short(qp->r + k * NU, &r);
+        load_short(qp->d + k * NU, &change);
+        load_short(lean, &own);
+        load_short(lean + NU, &turn);
+        change += turn;
+        times_short(d->across, (const double *)&e, &q);
+        q += (r + own) + change + (d->pulled + o);
+        V next;
+        times(d->turned, (const double *)&e, &next);
+        U sum = d->inverse[0] * q[0];
+        for (int j = 1; j < NU; j++) sum += d->inverse[j] * q[j];
+        for (int j = 0; j < NU; j++) next -= d->gain[j] * q[j];
+        idle[k] = sum;
+        e = next;
+        o = d->step * sum - change;
     }
+    load(qp->first, &now);
     for (int k = 0; k < N; k++) {
-        const double *now = k ? x + (k - 1) * NX : qp->first, *before = k ? T + (k - 1) * NU : still;
-        for (int i = 0; i < NU; i++) {
-            double sum = idle[k * NU + i] + dot(f->gain + k * XU + i * NX, now);
-            for (int j = 0; j < NU; j++) sum -= f->inverse[(k * NU + j) * NU + i] * f->step[k * NU + j] * before[j];
-            T[k * NU + i] = -sum;
-        }
-        double next[NX];
-        times(qp->A + k * XX, now, 1, next);
-        for (int j = 0; j < NU; j++)
-            for (int i = 0; i < NX; i++) next[i] += qp->B[k * XU + j * NX + i] * T[k * NU + j];
-        for (int i = 0; i < NX; i++) x[k * NX + i] = next[i] + qp->b[k * NX + i];
-        values(qp, k, T + k * NU, before, x + k * NX, rows + k * ROWS);
+        const hda_mpc_node *d = &f->node[k];
+        U own = idle[k], fed;
+        V next;
+        times_short(d->feed, (const double *)&now, &fed);
+        for (int j = 0; j < NU; j++) own -= d->kept[j] * before[j];
+        own = -(own + fed);
+        times(d->A, (const double *)&now, &next);
+        next += d->b;
+        for (int j = 0; j < NU; j++) next += d->B[j] * own[j];
+        values(d, &own, &before, &next, rows + k * ROWS);
+        memcpy(T + k * NU, &own, NU * sizeof *T);
+        memcpy(x + k * NX, &next, NX * sizeof *x);
+        now = next;
+        before = own;
     }
 }

@@ -5,14 +5,24 @@
 
 #include "hda_mpc_qp.h"
 
+/* Columns with an entry a state, and with an entry a joint, as vectors: the compiler makes of them what the target has. */
+typedef double hda_mpc_column __attribute__((vector_size(8 * HDA_MPC_NX_WIDE), aligned(8), may_alias)); /* as arrays hold them */
+typedef double hda_mpc_short __attribute__((vector_size(8 * HDA_MPC_N_WIDE), aligned(8), may_alias));
+
+typedef struct hda_mpc_node {
+    hda_mpc_column A[HDA_MPC_NX], turned[HDA_MPC_NX];    /* columns, rows */
+    hda_mpc_column B[HDA_N], b;
+    hda_mpc_short across[HDA_MPC_NX];                    /* rows of B */
+    hda_mpc_column G[HDA_MPC_NG];                        /* rows */
+    hda_mpc_column gain[HDA_N];                          /* Quu^-1 Qux, row by row */
+    hda_mpc_short feed[HDA_MPC_NX];                      /* the same, column by column */
+    hda_mpc_column moved;                                /* P b */
+    hda_mpc_short inverse[HDA_N], kept[HDA_N];           /* of Quu; its product with D */
+    hda_mpc_short pulled, step;                          /* S' b; D with the weights of its rows */
+} hda_mpc_node;
+
 typedef struct hda_mpc_factors {
-    double turned[HDA_MPC_N * HDA_MPC_NX * HDA_MPC_NX];   /* A' */
-    double reach[HDA_MPC_N * HDA_MPC_NX * HDA_N];         /* Qux' = A' (P B + S) */
-    double inverse[HDA_MPC_N * HDA_N * HDA_N];            /* of Quu */
-    double gain[HDA_MPC_N * HDA_MPC_NX * HDA_N];          /* Quu^-1 Qux, transposed */
-    double moved[HDA_MPC_N * HDA_MPC_NX];                 /* P b */
-    double pulled[HDA_MPC_N * HDA_N];                     /* S' b */
-    double step[HDA_MPC_N * HDA_N];                       /* D with the weights of its rows */
+    hda_mpc_node node[HDA_MPC_N];
 } hda_mpc_factors;
 
 /* Everything that does not depend on weights and slopes. */

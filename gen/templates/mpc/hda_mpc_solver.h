@@ -11,24 +11,34 @@ enum {
     HDA_MPC_INTERIOR = 40 /* iterations of the interior point */
 };
 
-/* The interior point's variables of one side of all rows, by row; see hda_mpc_interior.c. */
+/* Eight rows side by side. */
+typedef double hda_mpc_wide __attribute__((vector_size(64), aligned(8), may_alias));
+
+enum { HDA_MPC_BLOCKS = HDA_MPC_PADDED / 8 };
+
+/* The interior point's variables of one side of all rows; see hda_mpc_interior.c. */
 typedef struct hda_mpc_side {
-    double there[HDA_MPC_ALL], bound[HDA_MPC_ALL];
-    double t[HDA_MPC_ALL], l[HDA_MPC_ALL], s[HDA_MPC_ALL], v[HDA_MPC_ALL];
-    double dt[HDA_MPC_ALL], dl[HDA_MPC_ALL], ds[HDA_MPC_ALL], dv[HDA_MPC_ALL];
-    double over[HDA_MPC_ALL], open[HDA_MPC_ALL], give[HDA_MPC_ALL];
-    double product[HDA_MPC_ALL], soft_product[HDA_MPC_ALL];
+    hda_mpc_wide there[HDA_MPC_BLOCKS], bound[HDA_MPC_BLOCKS];
+    hda_mpc_wide t[HDA_MPC_BLOCKS], l[HDA_MPC_BLOCKS], s[HDA_MPC_BLOCKS], v[HDA_MPC_BLOCKS];
+    hda_mpc_wide dt[HDA_MPC_BLOCKS], dl[HDA_MPC_BLOCKS], ds[HDA_MPC_BLOCKS], dv[HDA_MPC_BLOCKS];
+    hda_mpc_wide over[HDA_MPC_BLOCKS], open[HDA_MPC_BLOCKS], give[HDA_MPC_BLOCKS], ease[HDA_MPC_BLOCKS];
+    hda_mpc_wide product[HDA_MPC_BLOCKS], soft_product[HDA_MPC_BLOCKS];
 } hda_mpc_side;
+
+/* A point of the iteration. */
+typedef struct hda_mpc_point {
+    double T[HDA_MPC_N * HDA_N], x[HDA_MPC_N * HDA_MPC_NX];
+    double rows[HDA_MPC_PADDED], y[HDA_MPC_PADDED];
+} hda_mpc_point;
 
 typedef struct hda_mpc_work {
     hda_mpc_factors f;
-    double weight[HDA_MPC_ALL], slope[HDA_MPC_ALL], rows[HDA_MPC_ALL];
-    double T[HDA_MPC_N * HDA_N], x[HDA_MPC_N * HDA_MPC_NX];
-    double y[HDA_MPC_ALL];
-    double kept_T[HDA_MPC_N * HDA_N], kept_x[HDA_MPC_N * HDA_MPC_NX], kept_y[HDA_MPC_ALL], kept_rows[HDA_MPC_ALL];
+    double weight[HDA_MPC_PADDED], slope[HDA_MPC_PADDED], stiff[HDA_MPC_ALL];
+    hda_mpc_point now, next, kept;
     hda_mpc_side side[2]; /* of high, of low */
-    double linear[HDA_MPC_ALL], square[HDA_MPC_ALL], soft[HDA_MPC_ALL];
-    int ready;            /* f belongs to set */
+    hda_mpc_wide linear[HDA_MPC_BLOCKS], square[HDA_MPC_BLOCKS], soft[HDA_MPC_BLOCKS];
+    double pairs, unmet;
+    int rounds, ready;    /* iterations of the interior point; whether f belongs to set */
     int set[HDA_MPC_ALL]; /* 0 free, 1 at high, 2 beyond high, -1 at low, -2 beyond low */
 } hda_mpc_work;
 
@@ -48,7 +58,10 @@ int hda_mpc_osqp(const hda_mpc_qp *qp, hda_mpc_solution *solution, double tolera
 /* Whether every entry may be solved with. */
 int hda_mpc_legal(const hda_mpc_qp *qp);
 
-/* Iterations of the interior point until the gap is small: how many, or -1 where a factorisation failed. The rows' multipliers go to w->y. */
-int hda_mpc_inside(const hda_mpc_qp *qp, hda_mpc_work *w, int *converged);
+/* The interior point's beginning: 0, or -1 where the factorisation failed. */
+int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w);
+
+/* Its iterations until the gap is that small: 1, or 0 where they ran out. */
+int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double gap);
 
 #endif
