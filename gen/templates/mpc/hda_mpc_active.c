@@ -13,7 +13,8 @@ enum { N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, ALL = N * ROWS };
 #define STIFFER 100.0  /* factor on it where the multipliers come slowly */
 #define FEASIBLE 1e-11
 #define NEAR 1e-7      /* gaps of the interior point at which the active set is tried */
-#define NEARER 1e-10
+
+#define NEARER 1e-11
 #define SLIGHT 1e-9 /* of values and multipliers that decide on the set */
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
@@ -135,24 +136,28 @@ static int correct(const hda_mpc_qp *qp, hda_mpc_work *w) {
     return changes;
 }
 
-/* 1: the set stands and its solution is exact; 0: the rounds ran out; -1: a factorisation failed. ready: the first one is done. */
+/* 1: the set stands and its solution is exact; 0: it does not come to rest; -1: a factorisation failed. ready: the first one is done. */
 static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, int *factored) {
+    int before = ALL;
     for (int round = 0; round < rounds; round++) {
+        int changes = 0;
         ++*factored;
         if (!(ready && round == 0)) {
             weights(qp, w);
             if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
         }
-        for (int refine = 0; refine < HDA_MPC_REFINES; refine++) {
+        for (int refine = 0; refine < HDA_MPC_REFINES && !changes; refine++) {
             slopes(qp, w);
             hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
             const double gap = multiply(qp, w);
             if (!(gap < 1e100)) return -1;
-            if (correct(qp, w)) break;
-            if (gap < FEASIBLE) return 1;
-            if (refine + 1 == HDA_MPC_REFINES) /* the set stands, but its multipliers come slowly */
-                for (int e = 0; e < ALL; e++) w->stiff[e] *= STIFFER;
+            changes = correct(qp, w);
+            if (!changes && gap < FEASIBLE) return 1;
         }
+        if (changes > before) return 0; /* it swings */
+        if (changes) before = changes;
+        else
+            for (int e = 0; e < ALL; e++) w->stiff[e] *= STIFFER; /* the set stands, but its multipliers come slowly */
     }
     return 0;
 }
@@ -186,13 +191,9 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
 }
 
 /* The interior point comes near; then the active set takes over, exact where its set stands. */
-int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) {
+static int inside(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored) {
     static const double gaps[] = {NEAR, NEARER};
-    int factored = 0, near = 0;
-    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
-    hda_mpc_turn(qp, &w->f);
-    stiffen(qp, w);
-    if (hda_mpc_enter(qp, w)) return HDA_MPC_BROKEN;
+    int near = 0;
     for (int stage = 0; stage < 2; stage++) {
         near = hda_mpc_approach(qp, w, gaps[stage]);
         w->kept = w->now;
@@ -202,6 +203,13 @@ int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w)
         if (!near) break;
     }
     return hand(qp, s, w, factored + w->rounds, w->rounds, near);
+}
+
+int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) {
+    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
+    hda_mpc_turn(qp, &w->f);
+    stiffen(qp, w);
+    return hda_mpc_enter(qp, w) ? HDA_MPC_BROKEN : inside(qp, s, w, 0);
 }
 
 /* The set from the solution's multipliers, and the factors that belong to it. */
@@ -225,7 +233,10 @@ int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) 
     if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
     if (!ready) ready = expect(qp, s, w);
     if (ready && settle(qp, w, HDA_MPC_ROUNDS, 1, &factored) == 1) return hand(qp, s, w, factored, 0, 1);
-    const int status = hda_mpc_interior(qp, s, w);
-    if (status >= 0) s->factored += factored;
-    return status;
+    stiffen(qp, w);
+    if (!hda_mpc_again(qp, w, s->dual)) {
+        const int status = inside(qp, s, w, factored);
+        if (status == HDA_MPC_SOLVED) return status;
+    }
+    return hda_mpc_enter(qp, w) ? HDA_MPC_BROKEN : inside(qp, s, w, factored + HDA_MPC_INTERIOR);
 }

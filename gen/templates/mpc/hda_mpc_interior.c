@@ -13,6 +13,8 @@ enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL, BLOCKS = HDA_MPC_BLOCKS };
 #define CLOSE 1e-9
 #define START 0.05     /* the least distance from a bound to begin with, per half of the range or 1 */
 #define GAP 0.1        /* product of every pair to begin with */
+#define START_AGAIN 0.01 /* the same from an earlier solution */
+#define GAP_AGAIN 0.01
 #define BOUNDARY 0.995
 
 typedef double W __attribute__((vector_size(64)));
@@ -32,17 +34,18 @@ static inline double most_of(const W *a) {
 }
 
 /* One side of one row. */
-static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low) {
+static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, double nearest, double gap) {
     hda_mpc_side *z = &w->side[low];
     const int b = e / 8, i = e % 8, soft = w->soft[b][i] > 0.0;
     const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->now.rows[e] : w->now.rows[e], other = low ? qp->high[e] : -qp->low[e];
     if (!(bound < HDA_MPC_FREE)) return;
-    const double range = other < HDA_MPC_FREE && bound + other < 2.0 ? 0.5 * (bound + other) : 1.0, least = START * range + 1e-9;
+    const double range = other < HDA_MPC_FREE && bound + other < 2.0 ? 0.5 * (bound + other) : 1.0, least = nearest * range + 1e-9;
     z->there[b][i] = 1.0;
     z->bound[b][i] = bound;
     const double s = soft ? larger(r - bound, least) : 0.0, t = larger(bound - r + s, least), v = w->linear[b][i] + w->square[b][i] * s;
-    double l = GAP / t;
-    if (soft && l > 0.5 * v) l = 0.5 * v;
+    const double y = low ? -w->now.y[e] : w->now.y[e];
+    double l = larger(gap / t, y);
+    if (soft && l > v - gap) l = v > 2.0 * gap ? v - gap : 0.5 * v;
     z->t[b][i] = t;
     z->l[b][i] = l;
     z->s[b][i] = s;
@@ -50,7 +53,7 @@ static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low) {
 }
 
 /* Where the iterations begin: the rows' values are in w->now. */
-static void begin(const hda_mpc_qp *qp, hda_mpc_work *w) {
+static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double nearest, double gap) {
     memset(w->linear, 0, sizeof w->linear);
     memset(w->square, 0, sizeof w->square);
     memset(w->soft, 0, sizeof w->soft);
@@ -66,7 +69,7 @@ static void begin(const hda_mpc_qp *qp, hda_mpc_work *w) {
     w->pairs = 0.0;
     for (int e = 0; e < ALL; e++)
         for (int low = 0; low < 2; low++) {
-            begin_side(qp, w, e, low);
+            begin_side(qp, w, e, low, nearest, gap);
             w->pairs += w->side[low].there[e / 8][e % 8] * (1.0 + w->soft[e / 8][e % 8]);
         }
     if (w->pairs == 0.0) w->pairs = 1.0;
@@ -186,7 +189,19 @@ int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w) {
         if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
     }
     hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
-    begin(qp, w);
+    begin(qp, w, START, GAP);
+    return 0;
+}
+
+int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
+    static const double idle[HDA_N];
+    memset(&w->next, 0, sizeof w->next);
+    memset(&w->now, 0, sizeof w->now);
+    memcpy(w->now.y, y, ALL * sizeof *y);
+    w->rounds = 0;
+    w->unmet = 1.0;
+    hda_mpc_roll(qp, &w->f, idle, w->now.x, w->now.rows);
+    begin(qp, w, START_AGAIN, GAP_AGAIN);
     return 0;
 }
 

@@ -257,3 +257,21 @@ void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double 
         before = own;
     }
 }
+
+void hda_mpc_roll(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *held, double *x, double *rows) {
+    V now;
+    U T, before = nothing;
+    load(qp->first, &now);
+    load_short(held, &T);
+    for (int k = 0; k < N; k++) {
+        const hda_mpc_node *d = &f->node[k];
+        V next;
+        times(d->A, (const double *)&now, &next);
+        next += d->b;
+        for (int j = 0; j < NU; j++) next += d->B[j] * T[j];
+        values(d, &T, &before, &next, rows + k * ROWS);
+        memcpy(x + k * NX, &next, NX * sizeof *x);
+        now = next;
+        before = T;
+    }
+}

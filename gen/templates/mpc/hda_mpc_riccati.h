@@ -34,4 +34,7 @@ int hda_mpc_factor(const hda_mpc_qp *qp, const double *weight, hda_mpc_factors *
 /* Torques, states and the rows' values. */
 void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *slope, double *T, double *x, double *rows);
 
+/* States and rows with that torque at every node. */
+void hda_mpc_roll(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *held, double *x, double *rows);
+
 #endif

@@ -61,6 +61,9 @@ int hda_mpc_legal(const hda_mpc_qp *qp);
 /* The interior point's beginning: 0, or -1 where the factorisation failed. */
 int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w);
 
+/* The same from the plan as it is (no change of torque) and multipliers of its rows. */
+int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y);
+
 /* Its iterations until the gap is that small: 1, or 0 where they ran out. */
 int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double gap);
 
