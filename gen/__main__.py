@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check | time")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check | time | truth")
     build = commands.add_parser(
         "build",
         help="generate and compile a robot; prints the folder",
@@ -51,13 +51,16 @@ def main(arguments: list[str] | None = None) -> int:
     timed.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     timed.add_argument("--rounds", type=int, default=60, help="turns of every contestant (default: 60)")
     timed.add_argument("--out", type=Path, default=Path("build"))
+    truth = commands.add_parser("truth", help="converge predictive control problems (JSON on stdin) by IPOPT; prints JSON")
+    truth.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
+    truth.add_argument("--mpc", required=True, help="the controller's structure: nodes=20,walls=2,space=tip")
     options = parser.parse_args(arguments)
     from gen.build import BuildError
     from gen.compile import CompileError
     from gen.robot import RobotError
 
     try:
-        return {"build": _build, "list": _list, "check": _check, "time": _time}[options.command](options)
+        return {"build": _build, "list": _list, "check": _check, "time": _time, "truth": _truth}[options.command](options)
     except RobotError as error:
         for problem in error.problems:
             print(problem, file=sys.stderr)
@@ -98,6 +101,21 @@ def _build(options: argparse.Namespace) -> int:
     folder, made = build(options.robot, options.profile, options.out, _effects(options), structure)
     print(f"{'built' if made else 'unchanged'} ({options.profile})", file=sys.stderr)
     print(folder)
+    return 0
+
+
+def _truth(options: argparse.Namespace) -> int:
+    import json
+
+    from gen.build import assembled
+    from gen.mpc.structure import parse
+    from gen.mpc.truth import truth
+    from gen.robot import load
+
+    structure = parse(options.mpc)
+    made, _, _ = assembled(options.robot, load(options.robot), ())
+    assert structure is not None
+    print(json.dumps([truth(made, structure, problem) for problem in json.load(sys.stdin)]))
     return 0
 
 

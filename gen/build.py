@@ -184,7 +184,9 @@ def _make(
         part.mkdir()
         for file, text in files.items():
             (part / file).write_text(text, encoding="utf-8", newline="\n")
-        compiler.library(part, sorted(f for f in files if f.endswith(".c") and not f.startswith("example")), profile, library)
+        compiler.library(
+            part, sorted(f for f in files if f.endswith(".c") and not f.startswith("example")), profile, library
+        )
         manifest = json.loads(files["manifest.json"])
         manifest["files"] = {f.name: _hash(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
         manifest["seal"] = seal(manifest)

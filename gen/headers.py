@@ -107,7 +107,12 @@ def table(functions: tuple[Emitted, ...], mpc: bool = False) -> str:
         calls.append(f"static void call_{name}(void *const *a) {{ hda_{name}({arguments}); }}\n")
         cells = [f"{{\"{a}\", 'd', {n}, 0}}" for a, n in ins] + [f"{{\"{a}\", 'd', {n}, 1}}" for a, n in outs]
         rows.append(f'    {{"{name}", {len(cells)}, call_{name}, {{{", ".join(cells)}}}}},\n')
-    listed = "".join(rows) + "    HDA_BRIDGE_ENTRIES\n" + "    HDA_MPC_BRIDGE_ENTRIES\n" * mpc + "    {NULL, 0, NULL, {{NULL, 0, 0, 0}}},\n"
+    listed = (
+        "".join(rows)
+        + "    HDA_BRIDGE_ENTRIES\n"
+        + "    HDA_MPC_BRIDGE_ENTRIES\n" * mpc
+        + "    {NULL, 0, NULL, {{NULL, 0, 0, 0}}},\n"
+    )
     text = f"{''.join(calls)}\nstatic const hda_entry hda_table[] = {{\n{listed}}};\n"
     included = '#include "hda_bridge.h"\n' + '#include "hda_mpc_bridge.h"\n' * mpc + '#include "hda_entry.h"\n'
     return guarded("HDA_TABLE_H", "What Python may call.", f"{included}\n{text}")

@@ -22,9 +22,7 @@ class PlantError(Exception):
     """A build that cannot be made, loaded or called; one sentence a problem."""
 
 
-def folder_of(
-    robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: str = ""
-) -> Path:
+def folder_of(robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: str = "") -> Path:
     """The folder of a robot's build: the one named, or one made by a child process. Raises PlantError."""
     name = os.fspath(robot)
     if not name or "\0" in name or len(name) > LONGEST:

@@ -114,9 +114,7 @@ def run(
     random = np.random.default_rng(seed)
     noise = random.normal(size=(count, 2)) * scheme.force_noise
     felt = push + noise
-    seen, state, torque, shown, status = _loop(
-        arm, controller, rows, push, felt, q0, scheme, progress, world
-    )
+    seen, state, torque, shown, status = _loop(arm, controller, rows, push, felt, q0, scheme, progress, world)
     commanded = torque / _constants(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
     measured = shown + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)

@@ -24,7 +24,9 @@ from gen.mpc.stage import Stage
 
 PREFIX = "hda_osqp_"
 UNUSED = {"emosqp.c", "Makefile"}
-Entries = dict[tuple[int, int], tuple[tuple[int, float], ...]]  # (row, column) -> (offset in the problem or -1 for 1, sign)…
+Entries = dict[
+    tuple[int, int], tuple[tuple[int, float], ...]
+]  # (row, column) -> (offset in the problem or -1 for 1, sign)…
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,9 @@ def osqp_files(made: Stage, simple: list[int]) -> dict[str, str]:
     def matrix(entries: Entries, rows: int, value: Any) -> Any:
         keys = sorted(entries, key=lambda key: (key[1], key[0]))
         ij = np.array(keys).T
-        return keys, sparse.csc_matrix((np.array([value(entries[key], *key) for key in keys]), (ij[0], ij[1])), (rows, shape[1]))
+        return keys, sparse.csc_matrix(
+            (np.array([value(entries[key], *key) for key in keys]), (ij[0], ij[1])), (rows, shape[1])
+        )
 
     p_keys, p = matrix(P, shape[1], lambda _, i, j: 2.0 if i == j else 0.01)
     a_keys, a = matrix(A, shape[0], lambda parts, _, __: parts[0][1] if parts[0][0] < 0 else 0.5 * parts[0][1])
@@ -158,7 +162,9 @@ def osqp_files(made: Stage, simple: list[int]) -> dict[str, str]:
             solver = osqp.OSQP()
             solver.setup(p, np.zeros(shape[1]), a, -np.ones(shape[0]), np.ones(shape[0]), verbose=False, polishing=False,
                          check_dualgap=False, adaptive_rho=True, warm_starting=True)  # fmt: skip
-            solver.codegen(folder, parameters="matrices", prefix=PREFIX, compile=False, extension_name=None, force_rewrite=True)
+            solver.codegen(
+                folder, parameters="matrices", prefix=PREFIX, compile=False, extension_name=None, force_rewrite=True
+            )
         for path in sorted(Path(folder).rglob("*.[ch]")):
             if path.name not in UNUSED:
                 out[_flat(path.name)] = _text(path.read_text(encoding="utf-8"))

@@ -63,6 +63,8 @@ def described(made: Stage) -> dict[str, Any]:
         "rows": [*rows, *of, *torques, "tip_speed", *walls],
         "speed": SPEED,
         "outputs": made.ny,
+        "simple": simple,
+        "shared": made.places["end"],
         "statuses": statuses(),
     }
 
@@ -84,7 +86,9 @@ def jacobians(library: Library) -> str:
         arguments = [f"const double *{f.name_in(k)}" for k in range(f.n_in())]
         arguments += [f"double *{f.name_out(k)}" for k in range(f.n_out())]
         parts.append(scalar_function(f, "", f"static void {f.name()}({', '.join(arguments)})"))
-    return guarded("HDA_MPC_JACOBIAN_H", "What the estimator takes from the model.", "#include <math.h>\n\n" + "\n".join(parts))
+    return guarded(
+        "HDA_MPC_JACOBIAN_H", "What the estimator takes from the model.", "#include <math.h>\n\n" + "\n".join(parts)
+    )
 
 
 def statuses() -> list[tuple[int, str]]:
@@ -150,7 +154,9 @@ def functions(made: Stage, native: bool) -> str:
         parts.append(f"{head} {{\n{unused}" + "".join(f"    {line}\n" for line in lines) + "}\n\n")
     head = "static void stage_constants(const double *c, double *k)"
     parts.append(scalar_function(made.constants, "", head))
-    return guarded("HDA_MPC_STAGE_H", "One node of the horizon, over vectors of nodes.", "#include <math.h>\n\n" + "".join(parts))
+    return guarded(
+        "HDA_MPC_STAGE_H", "One node of the horizon, over vectors of nodes.", "#include <math.h>\n\n" + "".join(parts)
+    )
 
 
 def _read(f: ca.Function) -> Any:

@@ -25,7 +25,15 @@ WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))  # a surfac
 ALLOWED = {"joint_position": 0.005, "wall": 1e-3}  # rad, m; of speeds and torques SHARE
 SHARE = 0.02
 DELAYS, SPREAD, SIZES = (1, 3), 0.1, (5.0, 30.0)  # ticks; of parameters; N
-VARIED = ("mass", "inertia", "motor_inertia", "coulomb_friction", "viscous_friction", "flexspline_stiffness", "torsional_damping")
+VARIED = (
+    "mass",
+    "inertia",
+    "motor_inertia",
+    "coulomb_friction",
+    "viscous_friction",
+    "flexspline_stiffness",
+    "torsional_damping",
+)
 
 
 @dataclass(frozen=True)

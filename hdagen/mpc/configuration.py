@@ -130,7 +130,9 @@ def _value(key: Key, value: Any) -> tuple[Any, str]:
     many = value if isinstance(value, list | tuple) else [value]
     listed = key.kind in ("numbers", "point") and not isinstance(value, list | tuple)
     if listed or not many or not all(_fits(key, v) for v in many) or (key.kind == "point" and len(many) != 2):
-        what = {"numbers": "a list of numbers", "point": "two numbers in brackets"}.get(key.kind, "a number, or a list of them,")
+        what = {"numbers": "a list of numbers", "point": "two numbers in brackets"}.get(
+            key.kind, "a number, or a list of them,"
+        )
         return None, f"{what} {span}"
     if key.kind in ("axes", "joints") and not isinstance(value, list | tuple):
         return float(value), ""
@@ -174,7 +176,9 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
     """What no single key shows."""
     grid = c.grid
     if c["mpc.grid"] is not None and "mpc.nodes" in c.values and len(grid) != c["mpc.nodes"]:
-        problems.append(f"{where}: mpc.grid has {len(grid)} nodes and mpc.nodes says {c['mpc.nodes']}; state one of them.")
+        problems.append(
+            f"{where}: mpc.grid has {len(grid)} nodes and mpc.nodes says {c['mpc.nodes']}; state one of them."
+        )
     if not 2 <= len(grid) <= 400:
         problems.append(f"{where}: mpc.grid has {len(grid)} nodes, possible are 2 to 400.")
     if min(grid) < c["mpc.period"] * (1 - 1e-9):
@@ -182,7 +186,9 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
             f"{where}: a node lasts {min(grid):g} s and the period {c['mpc.period']:g} s; make every node at least as long."
         )
     if c["weights.position"] + c["weights.velocity"] <= 0:
-        problems.append(f"{where}: weights.position and weights.velocity are both 0, so nothing is followed; raise one.")
+        problems.append(
+            f"{where}: weights.position and weights.velocity are both 0, so nothing is followed; raise one."
+        )
     if c["weights.torque"] + c["weights.torque_rate"] <= 0:
         problems.append(
             f"{where}: weights.torque and weights.torque_rate are both 0, so the cost is not definite; raise one."

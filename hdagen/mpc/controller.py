@@ -47,6 +47,13 @@ class Report:
     predicted: Array  # (nodes, states) SI
 
 
+@dataclass(frozen=True)
+class Problem:
+    """A tick's nonlinear problem as `python -m gen truth` takes it."""
+
+    data: dict[str, Any]
+
+
 class Runs(Protocol):
     """A compiled function bound to its buffers."""
 
@@ -70,7 +77,7 @@ class MPC(Controller):
 
     def __init__(self, arm: Arm, configuration: Configuration | None = None, guard: Guard | None = None) -> None:
         c = configuration or Configuration()
-        described = arm.manifest.get("mpc")
+        described: dict[str, Any] = arm.manifest.get("mpc") or {}
         wanted = c.structure
         built = described and f"nodes={described['nodes']},walls={described['walls']},space={described['space']}"
         if built != wanted:
@@ -83,7 +90,7 @@ class MPC(Controller):
         self.axes = 2 if described["space"] == "tip" else n
         noun = "tip" if self.axes == 2 and described["space"] == "tip" else "joint"
         self.reference_names = (f"{noun}_path",)
-        self.gains = {} if noun == "joint" else self._admittance()
+        self.gains: dict[str, float] = {} if noun == "joint" else self._admittance()
         self._buffers(n, module)
         self.path = self._reference.reshape(self.nodes + 1, 2 * self.axes)
         self.reference = self._reference
@@ -92,7 +99,7 @@ class MPC(Controller):
         self.configure_with(c)
 
     def _admittance(self) -> dict[str, float]:
-        c, out = self.configuration, {}
+        c, out = self.configuration, dict[str, float]()
         for name in ("mass", "damping", "stiffness"):
             value = c[f"admittance.{name}"]
             values = value if isinstance(value, tuple) else (value, value)
@@ -129,7 +136,9 @@ class MPC(Controller):
             guard = Guard(safe, safe_damping=damping, safe_stiffness=stiffness)
         rates = c["limits.torque_rate"]
         limits: dict[str, Any] = {"torque_limit": torque_limits(self.arm, c)}
-        limits["torque_rate"] = None if rates is None else tuple(each(rates, self.arm.n, "limits.torque_rate", "joints"))
+        limits["torque_rate"] = (
+            None if rates is None else tuple(each(rates, self.arm.n, "limits.torque_rate", "joints"))
+        )
         limits = {name: value for name, value in limits.items() if value is not None}
         if c["fallback.force_limit"] is not None:
             limits["force_limit"] = c["fallback.force_limit"]
@@ -188,10 +197,14 @@ class MPC(Controller):
         last = (count - 1) * reference.period
         below = np.minimum((at / reference.period + 1e-9).astype(int), count - 1)
         rest = (at - below * reference.period)[..., None]
-        position = reference.position[below] + rest * reference.velocity[below] + np.where(
-            at[..., None] <= last, rest**2 / 2 * reference.acceleration[below], 0.0
+        position = (
+            reference.position[below]
+            + rest * reference.velocity[below]
+            + np.where(at[..., None] <= last, rest**2 / 2 * reference.acceleration[below], 0.0)
         )
-        velocity = reference.velocity[below] + np.where(at[..., None] <= last, rest * reference.acceleration[below], 0.0)
+        velocity = reference.velocity[below] + np.where(
+            at[..., None] <= last, rest * reference.acceleration[below], 0.0
+        )
         return np.ascontiguousarray(np.concatenate([position, velocity], -1).reshape(count, -1))
 
     def report(self) -> Report:
@@ -201,7 +214,10 @@ class MPC(Controller):
         parts = np.split(self._report.copy(), ends[:-1])
         r = dict(zip((name for name, _ in report_names(self.arm)), parts, strict=True))
         whole = {name: int(r[name][0]) for name in ("failures", "solved", "factored", "interior")}
-        by = {what: dict(zip(FAMILIES, r[what].tolist(), strict=True)) for what in ("active_of", "violated_by", "foreseen_by")}
+        by = {
+            what: dict(zip(FAMILIES, r[what].tolist(), strict=True))
+            for what in ("active_of", "violated_by", "foreseen_by")
+        }
         active = {name: int(value) for name, value in by["active_of"].items()}
         return Report(
             RUNGS[int(r["rung"][0])], **whole, residual=float(r["residual"][0]), active=active,
@@ -217,6 +233,25 @@ class MPC(Controller):
         found = [np.zeros(module.length("mpc_problem", name)) for name in ("problem", "solution")]
         module.bind("mpc_problem", self._context, *found).run()
         return found[0], found[1]
+
+    def whole(self) -> Problem:
+        """The whole nonlinear problem of the last tick, for the truth beside it."""
+        m, n, nodes = self.arm.manifest["mpc"], self.arm.n, self.nodes
+        nx, ny, rows, shared = len(m["state"]), m["outputs"], len(m["rows"]), m["shared"]
+        sizes = {
+            "x": nx, "T": nodes * n, "before": n, "hold": n, "shared": shared, "force": 2, "goal": nodes * ny, "weights": 2 * ny,
+            "torque_weight": n, "rate_weight": n, "limits": 2 * rows, "linear": rows, "square": rows, "fading": nodes,
+        }  # fmt: skip
+        found = np.zeros(self.arm.module.length("mpc_whole", "whole"))
+        self.arm.module.bind("mpc_whole", self._context, found).run()
+        parts = np.split(found, np.cumsum(list(sizes.values()))[:-1])
+        data = {name: part.tolist() for name, part in zip(sizes, parts, strict=True)}
+        limits = np.array(data.pop("limits")).reshape(rows, 2)
+        data |= {"low": limits[:, 0].tolist(), "high": limits[:, 1].tolist()}
+        data["goal"] = np.array(data["goal"]).reshape(nodes, ny).tolist()
+        data["weights"] = np.array(data["weights"]).reshape(2, ny).tolist()
+        data |= {"grid": list(self.configuration.grid), "period": [self.configuration["mpc.period"]], "simple": m["simple"]}
+        return Problem(data)
 
     def sentence(self, status: int) -> str:
         """What a status means."""

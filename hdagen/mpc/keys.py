@@ -81,7 +81,7 @@ KEYS = (
     Key("fallback", "bandwidth", "number", 20.0, "rad/s", 0, 1e3, "of the impedance on the ladder, critically damped", open=True),
     Key("fallback", "safe", "text", "damping", "", 0, 0, "after a fault", choices=("zero", "damping", "hold")),
     Key("fallback", "force_limit", "number", None, "N", 0, 1e6, "the guard's limit of the static tip force; default: none", open=True),
-)  # fmt: skip
+)
 TABLES = ("mpc", "admittance", "weights", "limits", "wall", "estimator", "fallback")
 
 

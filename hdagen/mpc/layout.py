@@ -44,7 +44,9 @@ def torque_limits(arm: Arm, c: Configuration) -> tuple[float, ...] | None:
         if constant:
             limits += [constant["nominal"] * min(current, most or np.inf)]
         elif np.isfinite(current):
-            raise PlantError("limits.motor_current needs a torque_constant in the robot file; give limits.motor_torque.")
+            raise PlantError(
+                "limits.motor_current needs a torque_constant in the robot file; give limits.motor_torque."
+            )
         out.append(min(limits))
     return tuple(out)
 
@@ -85,7 +87,9 @@ def limits_of(arm: Arm, c: Configuration) -> dict[str, list[float]]:
     from_file = {
         "joint_low": [UNLIMITED * -1 if s["position"] is None else s["position"][0] for s in stated],
         "joint_high": [UNLIMITED if s["position"] is None else s["position"][1] for s in stated],
-        "motor_speed": [UNLIMITED if s["speed"] is None else s["speed"] * r for s, r in zip(stated, ratios, strict=True)],
+        "motor_speed": [
+            UNLIMITED if s["speed"] is None else s["speed"] * r for s, r in zip(stated, ratios, strict=True)
+        ],
         "joint_torque": [UNLIMITED if s["torque"] is None else s["torque"] for s in stated],
     }
     out = {}

@@ -22,7 +22,11 @@ from hdagen.simulate import Sensors
 SECONDS = 7.0  # of closed loop
 RICCATI, OSQP, INTERIOR = range(3)
 TOLERANCES = (1e-3, 1e-5)
-BARS = {"osqp at 1e-3 over riccati": ("least", 10.0, ""), "p99 over median": ("most", 6.0, ""), "active rows": ("least", 10.0, "")}
+BARS = {
+    "osqp at 1e-3 over riccati": ("least", 10.0, ""),
+    "p99 over median": ("most", 6.0, ""),
+    "active rows": ("least", 10.0, ""),
+}
 SAME = 1e-6  # of a torque's largest: what counts as the same first torque
 
 
@@ -58,7 +62,9 @@ class MpcBench:
     machine_quiet: float  # largest over median of an idle loop's time: what the machine adds by itself
 
 
-def record(profile: str = "native", seconds: float = SECONDS, c: Configuration | None = None) -> tuple[Arm, Configuration, Trial]:
+def record(
+    profile: str = "native", seconds: float = SECONDS, c: Configuration | None = None
+) -> tuple[Arm, Configuration, Trial]:
     """The closed loop of the table's second course, with every problem kept."""
     c = c or default()
     arm = load("paper", profile, mpc=c)
@@ -79,7 +85,9 @@ class Solver:
         self.which, self.how, self.status = np.zeros(1, np.int32), np.array([1e-3, 4000.0]), np.zeros(1, np.int32)
         self._call = module.bind("mpc_solve", self.problem, self.solution, work, self.which, self.how, self.status)
 
-    def solve(self, problem: Array, which: int, start: Array | None = None, tolerance: float = 1e-3, cap: int = 4000) -> int:
+    def solve(
+        self, problem: Array, which: int, start: Array | None = None, tolerance: float = 1e-3, cap: int = 4000
+    ) -> int:
         """Solve; the status. ``start``: a solution to begin from. The time of the call is in ``taken``, ns."""
         self.problem[:], self.which[0], self.how[:] = problem, which, (tolerance, cap)
         self.solution[:] = 0.0 if start is None else start
@@ -89,14 +97,18 @@ class Solver:
         return int(self.status[0])
 
 
-def bench(profile: str = "native", seconds: float = SECONDS, every: int = 5, say: Callable[[str], None] = lambda _: None) -> MpcBench:
+def bench(
+    profile: str = "native", seconds: float = SECONDS, every: int = 5, say: Callable[[str], None] = lambda _: None
+) -> MpcBench:
     """Record the closed loop, then solve its problems again with every solver, in turns."""
     say("closed loop")
     arm, c, found = record(profile, seconds)
     n, nodes = arm.n, len(c.grid)
     chosen = range(1, len(found.problems), every)
     runs: dict[str, list[tuple[float, float, bool, float]]] = {}
-    others = {f"osqp at {t:g}": (OSQP, t, Solver(arm)) for t in TOLERANCES} | {"interior point alone": (INTERIOR, 1e-3, Solver(arm))}
+    others = {f"osqp at {t:g}": (OSQP, t, Solver(arm)) for t in TOLERANCES} | {
+        "interior point alone": (INTERIOR, 1e-3, Solver(arm))
+    }
     ours = Solver(arm)
     rows = len(arm.manifest["mpc"]["rows"])
     for count, k in enumerate(chosen):
@@ -136,7 +148,10 @@ def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]
     inner = np.array([r.interior for r in found.reports[10:]])
     solved = [r.solved == 0 for r in found.reports[10:]]
     parts = {"preparation": times[:, 0], "tick": times[:, 1], "both": times.sum(1)}
-    phases = tuple(_times(name, [(t, i, s, 0.0) for t, i, s in zip(part, inner, solved, strict=True)]) for name, part in parts.items())
+    phases = tuple(
+        _times(name, [(t, i, s, 0.0) for t, i, s in zip(part, inner, solved, strict=True)])
+        for name, part in parts.items()
+    )
     active = {name: float(np.mean([r.active[name] for r in found.reports])) for name in found.reports[0].active}
     whole, by_name = phases[2], {t.name: t for t in solvers}
     reached = {
@@ -149,7 +164,18 @@ def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]
         for name, (kind, asked, _) in BARS.items()
     )
     period = float(c["mpc.period"])
-    return MpcBench(arm.n, len(c.grid), len(times), phases, solvers, active, float((inner > 0).mean()), whole.p99 * 1e-6 / period, bars, _quiet())
+    return MpcBench(
+        arm.n,
+        len(c.grid),
+        len(times),
+        phases,
+        solvers,
+        active,
+        float((inner > 0).mean()),
+        whole.p99 * 1e-6 / period,
+        bars,
+        _quiet(),
+    )
 
 
 def _quiet() -> float:
@@ -161,3 +187,28 @@ def _quiet() -> float:
             work @ work
         taken.append(thread_time_ns() - begun)
     return float(np.quantile(taken, 0.99) / np.median(taken))
+
+
+def lines(found: MpcBench) -> list[str]:
+    """What to print."""
+    out = [
+        f"{found.joints} joints, {found.nodes} nodes, {found.samples} ticks of closed loop; µs of thread time (p99/median of idle work on this machine: {found.machine_quiet:.1f})"
+    ]
+    out.append(
+        f"{'':22} {'median':>9} {'p90':>9} {'p99':>9} {'largest':>9} {'iterations':>11} {'most':>6} {'solved':>7} {'|dT0|':>9}"
+    )
+    for t in (*found.phases, *found.solvers):
+        out.append(
+            f"{t.name:22} {t.median:9.1f} {t.p90:9.1f} {t.p99:9.1f} {t.largest:9.1f} {t.iterations:11.1f} {t.most_iterations:6.0f} "
+            f"{t.solved:7.1%} {t.apart:9.1e}"
+        )
+    active = ", ".join(f"{name} {value:.1f}" for name, value in found.active.items() if value >= 0.05)
+    out.append(f"active rows on average: {active}")
+    out.append(
+        f"the interior point was needed in {found.interior_share:.0%} of the ticks; p99 of the whole tick takes {found.share:.0%} of the period"
+    )
+    for name, kind, asked, reached, met in found.bars:
+        out.append(
+            f"bar: {name} {'at least' if kind == 'least' else 'at most'} {asked:g}: {reached:.3g}, {'met' if met else 'missed'}"
+        )
+    return out

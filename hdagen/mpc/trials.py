@@ -138,7 +138,7 @@ def outcome(arm: Arm, c: Configuration, path: Reference, found: Trial, controlle
 
 def gains_of(c: Configuration) -> dict[str, float]:
     """The admittance as a Cartesian law names it."""
-    out = {}
+    out = dict[str, float]()
     for name in ("mass", "damping", "stiffness"):
         value = c[f"admittance.{name}"]
         values = value if isinstance(value, tuple) else (value, value)
@@ -155,7 +155,9 @@ def excess(arm: Arm, c: Configuration, s: Simulation) -> tuple[dict[str, float],
 
     def column(name: str) -> Array:
         rigid = [arm.parameters[f"ratio_{j}"] if f"motor_{name}_{j}" not in names else 1.0 for j in range(1, arm.n + 1)]
-        found = [f"motor_{name}_{j}" if f"motor_{name}_{j}" in names else f"joint_{name}_{j}" for j in range(1, arm.n + 1)]
+        found = [
+            f"motor_{name}_{j}" if f"motor_{name}_{j}" in names else f"joint_{name}_{j}" for j in range(1, arm.n + 1)
+        ]
         return s.state[:, [names.index(f) for f in found]] * np.array(rigid)
 
     q = s.state[:, [names.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
@@ -165,8 +167,14 @@ def excess(arm: Arm, c: Configuration, s: Simulation) -> tuple[dict[str, float],
     most = np.array(guard if guard is not None else [np.inf] * arm.n)
     shares = {
         "joint_position": (np.maximum(q - high, low - q).max(1), 0.05),
-        "motor_speed": ((np.abs(column("velocity")) - np.array(limits["motor_speed"])).max(1), 0.05 * max(limits["motor_speed"])),
-        "joint_torque": ((np.abs(s.joint_torque) - np.array(limits["joint_torque"])).max(1), 0.05 * max(limits["joint_torque"])),
+        "motor_speed": (
+            (np.abs(column("velocity")) - np.array(limits["motor_speed"])).max(1),
+            0.05 * max(limits["motor_speed"]),
+        ),
+        "joint_torque": (
+            (np.abs(s.joint_torque) - np.array(limits["joint_torque"])).max(1),
+            0.05 * max(limits["joint_torque"]),
+        ),
         "tip_speed": (speed - c["limits.tip_speed"], 0.1 * c["limits.tip_speed"]),
     }
     for k, wall in enumerate(c.walls, 1):

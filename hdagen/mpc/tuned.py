@@ -31,7 +31,13 @@ class Tuned:
 
 
 def tune(
-    arm: Arm, c: Configuration, controller: Controller, path: Reference, pushes: Sequence[Push], sensors: Sensors, evaluations: int = 40
+    arm: Arm,
+    c: Configuration,
+    controller: Controller,
+    path: Reference,
+    pushes: Sequence[Push],
+    sensors: Sensors,
+    evaluations: int = 40,
 ) -> Tuned:
     """The inner loop's gains that bring the tip nearest to the ideal motion of ``c`` on this run, by `METHOD`; the
     controller is left with them."""

@@ -100,6 +100,7 @@ typedef struct hda_mpc {
     double x[(HDA_MPC_N + 1) * HDA_MPC_NX], T[HDA_MPC_N * HDA_N];      /* trajectory that the problem is linearised about */
     double y[HDA_MPC_N * HDA_MPC_NY], Y[HDA_MPC_N * HDA_MPC_NY * HDA_MPC_NX]; /* outputs of nodes 1 on, and their Jacobians */
     double g[HDA_MPC_N * HDA_MPC_NG], G[HDA_MPC_N * HDA_MPC_NG * HDA_MPC_NX]; /* general rows, and their Jacobians */
+    double goal[HDA_MPC_N * HDA_MPC_NY];
     double fading[HDA_MPC_N];        /* share of the present force that is left at each node */
     double output_weight[2][HDA_MPC_NY]; /* of the outputs; at the last node */
     double carry[(HDA_MPC_N + 1) * HDA_MPC_AXES][9]; /* the admittance over the period, then over each node: (x, v, F) to (x, v, F) */

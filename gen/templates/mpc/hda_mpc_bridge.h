@@ -5,6 +5,7 @@ enum {
     HDA_MPC_SETTINGS_REAL = sizeof(hda_mpc_settings) / sizeof(double),
     HDA_MPC_REPORT_REAL = sizeof(hda_mpc_report) / sizeof(double),
     HDA_MPC_QP_REAL = sizeof(hda_mpc_qp) / sizeof(double),
+    HDA_MPC_WHOLE_REAL = HDA_MPC_NX + HDA_MPC_N * HDA_N + 4 * HDA_N + HDA_MPC_SHARED + 2 + (HDA_MPC_N + 2) * HDA_MPC_NY + 4 * HDA_MPC_ROWS + HDA_MPC_N,
     HDA_MPC_SOLUTION_REAL = sizeof(hda_mpc_solution) / sizeof(double)
 };
 
@@ -36,6 +37,25 @@ static void bridge_mpc_problem(void *const *a) {
     memcpy(a[2], &((hda_mpc *)a[0])->solution, sizeof(hda_mpc_solution));
 }
 
+/* The whole problem of the last tick, in the controller's units, for the truth beside it. */
+static void bridge_mpc_whole(void *const *a) {
+    static const double full[] = HDA_MPC_TORQUE;
+    const hda_mpc *k = a[0];
+    double *to = a[1];
+    const struct {
+        const double *from;
+        int count;
+    } parts[] = {{k->x, HDA_MPC_NX}, {k->T, HDA_MPC_N * HDA_N}, {k->sent[1], HDA_N}, {k->hold, HDA_N}, {k->shared, HDA_MPC_SHARED},
+                 {k->report.tip_force, 2}, {k->goal, HDA_MPC_N * HDA_MPC_NY}, {k->output_weight[0], HDA_MPC_NY}, {k->output_weight[1], HDA_MPC_NY},
+                 {k->qp.R, HDA_N}, {k->qp.D, HDA_N}, {k->limits[0], 2 * HDA_MPC_ROWS}, {k->qp.linear, HDA_MPC_ROWS}, {k->qp.square, HDA_MPC_ROWS},
+                 {k->fading, HDA_MPC_N}};
+    for (unsigned part = 0; part < sizeof parts / sizeof *parts; part++) {
+        memcpy(to, parts[part].from, (size_t)parts[part].count * sizeof *to);
+        for (int j = 0; j < HDA_N && (part == 2 || part == 3); j++) to[j] /= full[j];
+        to += parts[part].count;
+    }
+}
+
 static void bridge_mpc_solve(void *const *a) {
     const int *which = a[3];
     const double *how = a[4];
@@ -56,5 +76,6 @@ static void bridge_mpc_solve(void *const *a) {
     {"mpc_read", 3, bridge_mpc_read, {{"controller", 'B', sizeof(hda_mpc), 1}, {"whole", 'i', 4, 1}, {"real", 'd', HDA_FAULT_REAL, 1}}}, \
     {"mpc_report", 2, bridge_mpc_report, {{"controller", 'B', sizeof(hda_mpc), 1}, {"report", 'd', HDA_MPC_REPORT_REAL, 1}}}, \
     {"mpc_problem", 3, bridge_mpc_problem, {{"controller", 'B', sizeof(hda_mpc), 1}, {"problem", 'd', HDA_MPC_QP_REAL, 1}, {"solution", 'd', HDA_MPC_SOLUTION_REAL, 1}}}, \
+    {"mpc_whole", 2, bridge_mpc_whole, {{"controller", 'B', sizeof(hda_mpc), 1}, {"whole", 'd', HDA_MPC_WHOLE_REAL, 1}}}, \
     {"mpc_solve", 6, bridge_mpc_solve, {{"problem", 'd', HDA_MPC_QP_REAL, 0}, {"solution", 'd', HDA_MPC_SOLUTION_REAL, 1}, {"work", 'B', sizeof(hda_mpc_work), 1}, \
         {"which", 'i', 1, 0}, {"how", 'd', 2, 0}, {"status", 'i', 1, 1}}},

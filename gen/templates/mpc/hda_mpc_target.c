@@ -167,6 +167,7 @@ void hda_mpc_aim(hda_mpc *k, const double *path, const double *force) {
         }
         for (int i = 0; i < NX; i++) h[i] = 0.0;
         for (int m = 0; m < NY; m++) {
+            k->goal[node * NY + m] = goal[m];
             const double pull = k->output_weight[node == N - 1][m] * (y[m] - goal[m]);
             for (int i = 0; i < NX; i++) h[i] += pull * Y[i * NY + m];
         }
