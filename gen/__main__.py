@@ -51,7 +51,9 @@ def main(arguments: list[str] | None = None) -> int:
     timed.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     timed.add_argument("--rounds", type=int, default=60, help="turns of every contestant (default: 60)")
     timed.add_argument("--out", type=Path, default=Path("build"))
-    truth = commands.add_parser("truth", help="converge predictive control problems (JSON on stdin) by IPOPT; prints JSON")
+    truth = commands.add_parser(
+        "truth", help="converge predictive control problems (JSON on stdin) by IPOPT; prints JSON"
+    )
     truth.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     truth.add_argument("--mpc", required=True, help="the controller's structure: nodes=20,walls=2,space=tip")
     options = parser.parse_args(arguments)
@@ -60,7 +62,9 @@ def main(arguments: list[str] | None = None) -> int:
     from gen.robot import RobotError
 
     try:
-        return {"build": _build, "list": _list, "check": _check, "time": _time, "truth": _truth}[options.command](options)
+        return {"build": _build, "list": _list, "check": _check, "time": _time, "truth": _truth}[options.command](
+            options
+        )
     except RobotError as error:
         for problem in error.problems:
             print(problem, file=sys.stderr)
@@ -90,7 +94,6 @@ def _effects(options: argparse.Namespace) -> tuple[str, ...]:
 
 def _build(options: argparse.Namespace) -> int:
     from gen.build import build
-
     from gen.mpc.structure import StructureError, parse
 
     try:

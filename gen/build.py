@@ -38,7 +38,8 @@ class BuildError(Exception):
 
 
 def key(robot: bytes, profile: str, extra: tuple[str, ...], mpc: Structure | None = None) -> str:
-    """Hash of all that decides the outcome: robot, added effects, the predictive controller, gen's files, versions, compiler, flags, processor."""
+    """Hash of all that decides the outcome: robot, added effects, the predictive controller, gen's files, versions,
+    compiler, flags, processor."""
     digest = hashlib.sha256()
     parts = [robot, profile.encode(), " ".join(extra).encode(), " ".join(compiler.flags(profile)).encode()]
     parts += [compiler.find().version.encode(), sys.platform.encode(), platform.machine().encode()]
@@ -99,7 +100,8 @@ def _name(content: bytes) -> str:
 def build(
     source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
 ) -> tuple[Path, bool]:
-    """Build the robot (preset or path) with ``extra`` effects added, and with a predictive controller where ``mpc`` says
+    """Build the robot (preset or path) with ``extra`` effects added, and with a predictive controller where ``mpc``
+    says
     which; returns the folder and whether anything was made.
 
     An intact build is used as it is; a damaged one is put aside and made again. Raises RobotError, CompileError,

@@ -8,10 +8,10 @@ from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors, Simulation, simulate
 
 __all__ = [
+    "MPC",
     "Arm",
     "Controller",
     "Fault",
-    "MPC",
     "Guard",
     "Log",
     "LogError",

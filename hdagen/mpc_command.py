@@ -1,4 +1,5 @@
-"""`hdagen mpc`: the table of three controllers, the page of a run, the keys of controller.toml, the truth beside a tick."""
+"""`hdagen mpc`: the table of three controllers, the page of a run, the keys of controller.toml, the truth beside a
+tick."""
 
 from __future__ import annotations
 
@@ -130,8 +131,8 @@ def _print_runs(runs: list[RandomRun]) -> None:
     print(f"random runs: {len(runs)}; inputs legal in {legal}, soft limits kept to what is allowed in {kept}")
     ours = np.array([one.predictive.free_distance for one in runs])
     theirs = np.array([one.admittance.free_distance for one in runs])
-    print(f"median distance where no limit is near: mpc {1e3 * np.median(ours):.3f} mm, admittance {1e3 * np.median(theirs):.3f} mm; "
-          f"largest ratio of a run {np.max(ours / theirs):.2f}")  # fmt: skip
+    where = f"mpc {1e3 * np.median(ours):.3f} mm, admittance {1e3 * np.median(theirs):.3f} mm"
+    print(f"median distance where no limit is near: {where}; largest ratio of a run {np.max(ours / theirs):.2f}")
 
 
 def _reference(options: argparse.Namespace) -> int:

@@ -378,7 +378,8 @@ def load(
     """The arm of a preset, a robot.toml, or a folder that `python -m gen build` made.
 
     A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
-    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build); ``mpc``, a configuration of the predictive
+    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build); ``mpc``, a configuration of the
+    predictive
     controller, adds that controller to the library. Raises PlantError.
     """
     return Arm(folder_of(robot, profile, effects, out, mpc.structure if mpc else ""))

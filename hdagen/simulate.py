@@ -20,7 +20,6 @@ from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference, fitting, posture
 
-
 World = Callable[[Array, Array], Array]  # tip position and velocity (2 each) -> force on the tip (2), N
 
 

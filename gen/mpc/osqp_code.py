@@ -1,6 +1,7 @@
 """OSQP's generated code for the sparse form of the problem, and the tables that fill its matrices.
 
-Variables node by node: T (n), x of the next node (nx), slacks (one a soft row). Rows node by node: dynamics; T; T less the
+Variables node by node: T (n), x of the next node (nx), slacks (one a soft row). Rows node by node: dynamics; T; T
+less the
 torque before; soft rows less their slack (high); those with a low bound plus their slack; slacks. OSQP prints its code
 into a folder (``codegen``, never compiled by it); its files come out flat, under names that begin with `hda_osqp`.
 Source: Stellato, Banjac, Goulart, Bemporad, Boyd, Math. Prog. Comp. 12 (2020) 637; OSQP 1.x, Apache License 2.0.
@@ -54,9 +55,11 @@ class Layout:
     def starts(self) -> dict[str, int]:
         """Offsets of the arrays."""
         n, nx, k, rows = self.n, self.nx, self.nodes, self.rows
-        sizes = {"first": nx, "A": k * nx * nx, "B": k * nx * n, "b": k * nx, "H": k * nx * nx, "h": k * nx, "R": k * n, "r": k * n,
-                 "D": k * n, "d": k * n, "G": k * self.general * nx, "low": k * rows, "high": k * rows, "linear": k * rows,
-                 "square": k * rows}  # fmt: skip
+        sizes = {
+            "first": nx, "A": k * nx * nx, "B": k * nx * n, "b": k * nx, "H": k * nx * nx, "h": k * nx,
+            "R": k * n, "r": k * n, "D": k * n, "d": k * n, "G": k * self.general * nx,
+            "low": k * rows, "high": k * rows, "linear": k * rows, "square": k * rows,
+        }  # fmt: skip
         ends = np.cumsum([0, *sizes.values()])
         return dict(zip(sizes, map(int, ends[:-1]), strict=True))
 
@@ -160,7 +163,8 @@ def osqp_files(made: Stage, simple: list[int]) -> dict[str, str]:
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
         with _silent():
             solver = osqp.OSQP()
-            solver.setup(p, np.zeros(shape[1]), a, -np.ones(shape[0]), np.ones(shape[0]), verbose=False, polishing=False,
+            solver.setup(p, np.zeros(shape[1]), a, -np.ones(shape[0]), np.ones(shape[0]), verbose=False,
+            polishing=False,
                          check_dualgap=False, adaptive_rho=True, warm_starting=True)  # fmt: skip
             solver.codegen(
                 folder, parameters="matrices", prefix=PREFIX, compile=False, extension_name=None, force_rewrite=True

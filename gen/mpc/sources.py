@@ -9,11 +9,10 @@ from typing import Any
 
 import casadi as ca
 
-from gen.emitted import dense
 from gen.emit import body, scalar_function, vector_operation
+from gen.emitted import dense
 from gen.headers import guarded
 from gen.library import Library
-from gen.model import Model
 from gen.mpc.osqp_code import osqp_files
 from gen.mpc.stage import SPEED, Stage, stage
 from gen.mpc.structure import Structure, fitting
@@ -108,7 +107,8 @@ def sizes(made: Stage) -> str:
     defines: dict[str, Any] = {
         "NODES": made.structure.nodes, "NX": made.nx, "NY": made.ny, "NG": made.ng, "SIMPLES": 2 * made.model.n,
         "NX_WIDE": _power(made.nx), "N_WIDE": _power(max(2, made.model.n)),
-        "WALLS": made.structure.walls, "FLEXIBLE": len(made.model.flexible), "JOINT_SPACE": int(made.structure.space == "joint"),
+        "WALLS": made.structure.walls, "FLEXIBLE": len(made.model.flexible),
+        "JOINT_SPACE": int(made.structure.space == "joint"),
         "SIMPLE": _list(simples(made)), "INDEX": _list(made.index), "SCALE": _list(made.scale),
         "TORQUE": _list(made.torque), "MEMORIES": len(made.memory), "MEMORY": _list(held),
         "SPEED": SPEED, "CONSTANTS": made.places["disturbance"], "AT_DISTURBANCE": made.places["disturbance"],
@@ -123,7 +123,8 @@ def sizes(made: Stage) -> str:
     }  # fmt: skip
     lines = "".join(f"#define HDA_MPC_{name} {value}\n" for name, value in defines.items())
     meaning = (
-        "Sizes of this controller; entries of x that its state is made of (INDEX), that its effects remember (MEMORY),\n"
+        "Sizes of this controller; entries of x that its state is made of (INDEX), that its effects remember "
+        "(MEMORY),\n"
         " * SI of 1 in its units (SCALE, TORQUE); where each motor's position stands in its state (MOTOR)."
     )
     return guarded("HDA_MPC_SIZES_H", meaning, f'#include "hda_sizes.h"\n\n{lines}')

@@ -1,6 +1,7 @@
 """One node of the horizon as graphs: rate of the arm with its Jacobians, outputs that cost, rows that are limited.
 
-Legend: x scaled state (positions, then velocities), T motor torque over its largest, d disturbance torque at the motors,
+Legend: x scaled state (positions, then velocities), T motor torque over its largest, d disturbance torque at the
+motors,
 F force on the tip, z memory of the effects (held over the horizon), w walls (n_x, n_y, offset each); f rate of x.
 
 The state is that of the arm without the effects' memories, which the estimator follows. Positions of motors are taken

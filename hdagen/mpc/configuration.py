@@ -119,7 +119,8 @@ def _table(where: str, table: str, entries: Any, values: dict[str, Any], problem
 
 def _value(key: Key, value: Any) -> tuple[Any, str]:
     """The value as it is used, and why it cannot be."""
-    span = f"{'more than' if key.open else 'from'} {key.low:g} {'and at most' if key.open else 'to'} {key.high:g} {key.unit}"
+    begin, end = ("more than", "and at most") if key.open else ("from", "to")
+    span = f"{begin} {key.low:g} {end} {key.high:g} {key.unit}"
     if key.kind == "text":
         return value, "" if value in key.choices else " or ".join(f'"{choice}"' for choice in key.choices)
     if key.kind == "whole":
@@ -183,7 +184,8 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
         problems.append(f"{where}: mpc.grid has {len(grid)} nodes, possible are 2 to 400.")
     if min(grid) < c["mpc.period"] * (1 - 1e-9):
         problems.append(
-            f"{where}: a node lasts {min(grid):g} s and the period {c['mpc.period']:g} s; make every node at least as long."
+            f"{where}: a node lasts {min(grid):g} s and the period {c['mpc.period']:g} s; make every node at "
+            f"least as long."
         )
     if c["weights.position"] + c["weights.velocity"] <= 0:
         problems.append(

@@ -189,7 +189,8 @@ class MPC(Controller):
         self._tick = self._plain if runs is None else _Through(runs)
 
     def rows(self, reference: Reference) -> Array:
-        """The path of every tick (T, (nodes + 1) · 2 axes): the reference at the tick and at the end of every node; past
+        """The path of every tick (T, (nodes + 1) · 2 axes): the reference at the tick and at the end of every node;
+        past
         its end it goes on straight."""
         times = np.concatenate([[0.0], np.cumsum(self.configuration.grid)])
         count = len(reference.position)
@@ -239,8 +240,8 @@ class MPC(Controller):
         m, n, nodes = self.arm.manifest["mpc"], self.arm.n, self.nodes
         nx, ny, rows, shared = len(m["state"]), m["outputs"], len(m["rows"]), m["shared"]
         sizes = {
-            "x": nx, "T": nodes * n, "before": n, "hold": n, "shared": shared, "force": 2, "goal": nodes * ny, "weights": 2 * ny,
-            "torque_weight": n, "rate_weight": n, "limits": 2 * rows, "linear": rows, "square": rows, "fading": nodes,
+            "x": nx, "T": nodes * n, "before": n, "hold": n, "shared": shared, "force": 2, "goal": nodes * ny,
+            "weights": 2 * ny, "torque_weight": n, "rate_weight": n, "limits": 2 * rows, "linear": rows, "square": rows, "fading": nodes,
         }  # fmt: skip
         found = np.zeros(self.arm.module.length("mpc_whole", "whole"))
         self.arm.module.bind("mpc_whole", self._context, found).run()
@@ -250,7 +251,11 @@ class MPC(Controller):
         data |= {"low": limits[:, 0].tolist(), "high": limits[:, 1].tolist()}
         data["goal"] = np.array(data["goal"]).reshape(nodes, ny).tolist()
         data["weights"] = np.array(data["weights"]).reshape(2, ny).tolist()
-        data |= {"grid": list(self.configuration.grid), "period": [self.configuration["mpc.period"]], "simple": m["simple"]}
+        data |= {
+            "grid": list(self.configuration.grid),
+            "period": [self.configuration["mpc.period"]],
+            "simple": m["simple"],
+        }
         return Problem(data)
 
     def sentence(self, status: int) -> str:

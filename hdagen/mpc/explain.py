@@ -33,8 +33,10 @@ def verdict(record: Mapping[str, Array]) -> str:
     off = int((record["rung"] > 0).sum())
     return (
         f"Over {len(whole)} ticks the plan saw the tip {1e3 * record['ahead'][0]:.0f} ms ahead to within "
-        f"{1e3 * np.nanmedian(missed):.2f} mm in the median; {np.mean(active):.1f} limits were active on average, a tick "
-        f"took {np.median(whole):.0f} µs in the median and {np.quantile(whole, 0.99):.0f} µs in all but one of a hundred, "
+        f"{1e3 * np.nanmedian(missed):.2f} mm in the median; {np.mean(active):.1f} limits were active on "
+        f"average, a tick "
+        f"took {np.median(whole):.0f} µs in the median and {np.quantile(whole, 0.99):.0f} µs in all but one of "
+        f"a hundred, "
         f"and {off} ticks were not on the plan."
     )
 
@@ -68,7 +70,8 @@ def _motion(record: Mapping[str, Array]) -> page.Section:
     panels.append(figure.Panel("force (N)", force, height=0.7))
     drawn = figure.panels("Predicted and real motion", time, panels, link=LINK)
     text = (
-        f"Predicted is where the plan that was made {1e3 * record['ahead'][0]:.0f} ms before saw the tip. It misses where "
+        f"Predicted is where the plan that was made {1e3 * record['ahead'][0]:.0f} ms before saw the tip. It "
+        f"misses where "
         "a force came or went meanwhile, which no plan can know, and else by what the model does not know."
     )
     return page.Section("Motion", text, [drawn])
@@ -132,5 +135,8 @@ def _times(record: Mapping[str, Array]) -> page.Section:
     ]
     drawn = figure.panels("Solve times", time, panels, link=LINK)
     share = float((record["interior"] > 0).mean())
-    text = f"Time of the thread's processor. The active set alone was enough in {100 * (1 - share):.0f} % of the ticks; the interior point did the others."
+    text = (
+        "Time of the thread's processor. The active set alone was enough in "
+        f"{100 * (1 - share):.0f} % of the ticks; the interior point did the others."
+    )
     return page.Section("Solve times", text, [drawn])

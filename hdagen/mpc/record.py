@@ -1,4 +1,5 @@
-"""What `hdagen simulate --controller mpc` writes beside the log, and what `hdagen mpc explain` reads: one row a tick."""
+"""What `hdagen simulate --controller mpc` writes beside the log, and what `hdagen mpc explain` reads: one row a
+tick."""
 
 from __future__ import annotations
 
@@ -13,8 +14,26 @@ from hdagen.mpc.trials import Trial
 from hdagen.plant import Arm, Array
 from hdagen.reference import Reference
 
-COLUMNS = ("time", "tip_x", "tip_y", "path_x", "path_y", "predicted_x", "predicted_y", "ahead", "status", "rung", "interior",
-           "factored", "prepare_time", "tick_time", "collision", "innovation", "tip_force_x", "tip_force_y")  # fmt: skip
+COLUMNS = (
+    "time",
+    "tip_x",
+    "tip_y",
+    "path_x",
+    "path_y",
+    "predicted_x",
+    "predicted_y",
+    "ahead",
+    "status",
+    "rung",
+    "interior",
+    "factored",
+    "prepare_time",
+    "tick_time",
+    "collision",
+    "innovation",
+    "tip_force_x",
+    "tip_force_y",
+)
 
 
 def beside(log: Path) -> Path:
@@ -58,7 +77,8 @@ def read(path: Path) -> dict[str, Array]:
     if not place.is_file():
         raise LogError(
             [
-                f"{place}: there is no record of the predictive controller; `hdagen simulate --controller mpc` writes one beside its log."
+                f"{place}: there is no record of the predictive controller; `hdagen simulate --controller mpc` "
+                f"writes one beside its log."
             ]
         )
     expected = [*COLUMNS, *(f"{what}_{family}" for what in ("active", "violated") for family in FAMILIES)]
@@ -67,7 +87,8 @@ def read(path: Path) -> dict[str, Array]:
     if missing:
         raise LogError(
             [
-                f"{place}: {', '.join(missing[:5])} missing; it is no record of the predictive controller: simulate again."
+                f"{place}: {', '.join(missing[:5])} missing; it is no record of the predictive controller: "
+                f"simulate again."
             ]
         )
     return {name: np.asarray(content[name], float) for name in expected}

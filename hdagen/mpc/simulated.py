@@ -35,11 +35,13 @@ def lines(found: Trial, result: Outcome | None) -> list[str]:
     times = 1e6 * found.times.sum(1)
     active = np.mean([sum(r.active.values()) for r in found.reports])
     out = [
-        f"ticks: {np.median(times):.0f} µs in the median, {np.quantile(times, 0.99):.0f} µs at 99 %; {active:.1f} limits active"
+        f"ticks: {np.median(times):.0f} µs in the median, {np.quantile(times, 0.99):.0f} µs at 99 %; "
+        f"{active:.1f} limits active"
     ]
     if result is not None:
         out.append(
-            f"tip against the ideal mass-damper-spring motion: {1e3 * result.distance:.3f} mm in the median, {1e3 * result.largest:.2f} mm at most"
+            f"tip against the ideal mass-damper-spring motion: {1e3 * result.distance:.3f} mm in the median, "
+            f"{1e3 * result.largest:.2f} mm at most"
         )
         broken = [f"{name} by {value:.3g}" for name, value in result.violated.items() if value > 0]
         out.append(

@@ -114,7 +114,7 @@ def bench(
     for count, k in enumerate(chosen):
         if count % 100 == 0:
             say(f"problem {count} of {len(chosen)}")
-        problem, solution = found.problems[k]
+        problem = found.problems[k][0]
         before = _shifted(found, k, nodes * (n + len(arm.manifest["mpc"]["state"])), nodes * rows)
         status = ours.solve(problem, RICCATI, before)
         first = ours.solution[:n].copy()
@@ -192,23 +192,19 @@ def _quiet() -> float:
 def lines(found: MpcBench) -> list[str]:
     """What to print."""
     out = [
-        f"{found.joints} joints, {found.nodes} nodes, {found.samples} ticks of closed loop; µs of thread time (p99/median of idle work on this machine: {found.machine_quiet:.1f})"
+        f"{found.joints} joints, {found.nodes} nodes, {found.samples} ticks of closed loop; µs of thread time",
+        f"(idle work on this machine now: p99 over median {found.machine_quiet:.1f})",
     ]
-    out.append(
-        f"{'':22} {'median':>9} {'p90':>9} {'p99':>9} {'largest':>9} {'iterations':>11} {'most':>6} {'solved':>7} {'|dT0|':>9}"
-    )
+    heads = ("median", "p90", "p99", "largest", "iterations", "most", "solved", "|dT0|")
+    out.append(f"{'':22}" + "".join(f"{head:>11}" for head in heads))
     for t in (*found.phases, *found.solvers):
-        out.append(
-            f"{t.name:22} {t.median:9.1f} {t.p90:9.1f} {t.p99:9.1f} {t.largest:9.1f} {t.iterations:11.1f} {t.most_iterations:6.0f} "
-            f"{t.solved:7.1%} {t.apart:9.1e}"
-        )
+        times = "".join(f"{value:11.1f}" for value in (t.median, t.p90, t.p99, t.largest, t.iterations))
+        out.append(f"{t.name:22}{times}{t.most_iterations:11.0f}{t.solved:11.1%}{t.apart:11.1e}")
     active = ", ".join(f"{name} {value:.1f}" for name, value in found.active.items() if value >= 0.05)
     out.append(f"active rows on average: {active}")
-    out.append(
-        f"the interior point was needed in {found.interior_share:.0%} of the ticks; p99 of the whole tick takes {found.share:.0%} of the period"
-    )
+    out.append(f"the interior point was needed in {found.interior_share:.0%} of the ticks")
+    out.append(f"p99 of the whole tick takes {found.share:.0%} of the period")
     for name, kind, asked, reached, met in found.bars:
-        out.append(
-            f"bar: {name} {'at least' if kind == 'least' else 'at most'} {asked:g}: {reached:.3g}, {'met' if met else 'missed'}"
-        )
+        bound = "at least" if kind == "least" else "at most"
+        out.append(f"bar: {name} {bound} {asked:g}: {reached:.3g}, {'met' if met else 'missed'}")
     return out

@@ -1,7 +1,9 @@
-"""Closed loops of any controller against the compiled arm, with walls in the world: what limits were broken, how far the
+"""Closed loops of any controller against the compiled arm, with walls in the world: what limits were broken, how far
+the
 tip was from the ideal admittance motion, what it pressed.
 
-The ideal motion is M ẍ + B ẋ + K x = F about the commanded path, driven by the true force of the world on the tip, walls
+The ideal motion is M ẍ + B ẋ + K x = F about the commanded path, driven by the true force of the world on the tip,
+walls
 included. A wall pushes with its stiffness times the depth, and damps what enters.
 """
 

@@ -1,4 +1,5 @@
-"""Plans beside the truth: what the whole nonlinear problem, converged by IPOPT in a child process of `gen`, would do."""
+"""Plans beside the truth: what the whole nonlinear problem, converged by IPOPT in a child process of `gen`, would
+do."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ from hdagen.plant import Array, PlantError, load
 from hdagen.reference import circle
 from hdagen.simulate import Sensors, run
 
-SAMPLES, SECONDS = 6, 4.0
-LONGEST = 300.0  # s, of the child process
+SAMPLES, SECONDS = 4, 4.0
+LONGEST = 120.0  # s, of the child process
 
 
 def ask(robot: str, structure: str, problems: list[dict[str, Any]]) -> list[dict[str, Any]]:
