@@ -16,6 +16,7 @@ EXAMPLE = """examples:
   hdagen mpc table                 impedance, admittance and predictive control, free and against a wall
   hdagen mpc table --runs 100      the same over random runs
   hdagen simulate paper --controller mpc --out run.parquet && hdagen mpc explain run.parquet
+  hdagen mpc header > mpc_settings.h   the configuration for C, as example_mpc.c includes it
   hdagen mpc reference             the plan beside IPOPT's of the whole nonlinear problem"""
 
 
@@ -28,11 +29,14 @@ def add_parser(commands: Any) -> None:
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("what", choices=("table", "explain", "keys", "reference"))
+    p.add_argument("what", choices=("table", "explain", "keys", "reference", "header"))
     p.add_argument(
         "log", nargs="?", type=Path, help="of `explain`: a log that `hdagen simulate --controller mpc` wrote"
     )
-    p.add_argument("--config", default=None, metavar="controller.toml", help="of `reference`; default: the defaults")
+    p.add_argument("--robot", default="paper", help="of `header`: a preset or a robot.toml (default: paper)")
+    p.add_argument(
+        "--config", default=None, metavar="controller.toml", help="of `reference` and `header`; default: the defaults"
+    )
     p.add_argument("--runs", type=int, default=0, help="of `table`: random runs besides (default: none)")
     p.add_argument("--profile", choices=("portable", "native"), default="native")
     p.add_argument("--out", type=Path, default=None, help="of `explain`: the page (default: beside the log, .html)")
@@ -41,7 +45,7 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what was asked."""
-    return {"table": _table, "explain": _explain, "keys": _keys, "reference": _reference}[options.what](options)
+    return {"table": _table, "explain": _explain, "keys": _keys, "reference": _reference, "header": _header}[options.what](options)
 
 
 def _keys(_: argparse.Namespace) -> int:
@@ -133,6 +137,16 @@ def _print_runs(runs: list[RandomRun]) -> None:
     theirs = np.array([one.admittance.free_distance for one in runs])
     where = f"mpc {1e3 * np.median(ours):.3f} mm, admittance {1e3 * np.median(theirs):.3f} mm"
     print(f"median distance where no limit is near: {where}; largest ratio of a run {np.max(ours / theirs):.2f}")
+
+
+def _header(options: argparse.Namespace) -> int:
+    from hdagen.mpc.configuration import Configuration, read
+    from hdagen.mpc.controller import MPC
+    from hdagen.plant import load
+
+    c = read(options.config) if options.config else Configuration()
+    print(MPC(load(options.robot, options.profile, mpc=c), c).header(), end="")
+    return 0
 
 
 def _reference(options: argparse.Namespace) -> int:

@@ -235,13 +235,29 @@ class MPC(Controller):
         module.bind("mpc_problem", self._context, *found).run()
         return found[0], found[1]
 
+    def header(self) -> str:
+        """C text of the settings and of the guard's configuration, as example_mpc.c includes them."""
+        problems: list[str] = []
+        limits = self._limits(self.guard, problems)
+        whole = [self.guard.safe.value, self.guard.stale_stamp_ticks, self.guard.stale_bits_ticks]
+
+        def listed(name: str, values: Sequence[float]) -> str:
+            return f"static const double {name}[] = {{{', '.join(repr(float(v)) for v in values)}}};\n"
+
+        values = listed("mpc_settings", settings_of(self.arm, self.configuration).tolist())
+        values += listed("mpc_guard_real", limits.tolist()) + listed("mpc_guard_whole", whole)
+        joints = range(1, self.arm.n + 1)
+        values += listed("mpc_ratio", [self.arm.parameters[f"ratio_{j}"] for j in joints])
+        return values + listed("mpc_torque_constant", [self.arm.parameters.get(f"torque_constant_{j}", 1.0) for j in joints])
+
     def whole(self) -> Problem:
         """The whole nonlinear problem of the last tick, for the truth beside it."""
         m, n, nodes = self.arm.manifest["mpc"], self.arm.n, self.nodes
         nx, ny, rows, shared = len(m["state"]), m["outputs"], len(m["rows"]), m["shared"]
         sizes = {
             "x": nx, "T": nodes * n, "before": n, "hold": n, "shared": shared, "force": 2, "goal": nodes * ny,
-            "weights": 2 * ny, "torque_weight": n, "rate_weight": n, "limits": 2 * rows, "linear": rows, "square": rows, "fading": nodes,
+            "weights": 2 * ny, "torque_weight": n, "rate_weight": n, "limits": 2 * rows, "linear": rows,
+            "square": rows, "fading": nodes,
         }  # fmt: skip
         found = np.zeros(self.arm.module.length("mpc_whole", "whole"))
         self.arm.module.bind("mpc_whole", self._context, found).run()

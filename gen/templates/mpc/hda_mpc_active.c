@@ -179,6 +179,8 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
             if (before + qp->low[k * ROWS + HDA_N + j] > low) low = before + qp->low[k * ROWS + HDA_N + j];
             if (T > high) T = high;
             if (T < low) T = low;
+            if (T > qp->high[k * ROWS + j]) T = qp->high[k * ROWS + j]; /* where both cannot hold, the torque's own bound does */
+            if (T < qp->low[k * ROWS + j]) T = qp->low[k * ROWS + j];
             s->T[k * HDA_N + j] = T;
         }
     memcpy(s->x, w->now.x, sizeof s->x);

@@ -76,6 +76,8 @@ static void roll(const hda_mpc_qp *qp, const OSQPFloat *found, hda_mpc_solution 
             if (before + bounds_low[NU + j] > least) least = before + bounds_low[NU + j];
             if (T > most) T = most;
             if (T < least) T = least;
+            if (T > bounds_high[j]) T = bounds_high[j];
+            if (T < bounds_low[j]) T = bounds_low[j];
             s->T[k * NU + j] = T;
         }
         for (int i = 0; i < NX; i++) {

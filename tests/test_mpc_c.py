@@ -1,0 +1,74 @@
+"""The predictive controller's C: compiled alone, bit for bit what Python gets; no allocation; hostile ticks and problems."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpc_arms import built
+
+from hdagen.mpc.controller import MPC
+from hdagen.plant import Arm
+
+HERE = Path(__file__).parent
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic")
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return built()[0]
+
+
+def program(folder: Path, arm: Arm, main: Path, out: str, *more: str) -> Path:
+    """The controller's C with a main, as firmware would compile it."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("gcc is not installed here")
+    _, c = built()
+    (folder / "mpc_settings.h").write_text(MPC(arm, c).header())
+    sources = sorted(str(f) for f in arm.folder.glob("hda_*.c") if f.name != "hda_python.c")
+    command = [compiler, *FLAGS, *more, f"-I{arm.folder}", f"-I{folder}", str(main), *sources, "-lm", "-o", str(folder / out)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    ours = [line for line in done.stderr.splitlines() if "warning" in line and "hda_osqp_" not in line]
+    assert ours == []
+    return folder / out
+
+
+def test_the_example_compiled_alone_gives_what_python_gets_bit_for_bit(arm: Arm, tmp_path: Path) -> None:
+    run = program(tmp_path, arm, arm.folder / "example_mpc.c", "example")
+    lines = subprocess.run([str(run)], capture_output=True, text=True, check=True).stdout.split("\n")[:-1]
+    theirs = np.array([[float(v) for v in line.split()] for line in lines])
+    assert theirs.shape == (300, 1 + arm.n)
+    c = built()[1]
+    controller = MPC(arm, c)
+    x, u = np.zeros(arm.nx), np.zeros(arm.nu)
+    for j in range(1, arm.n + 1):
+        x[arm.index(f"joint_position_{j}")] = 0.5
+        x[arm.index(f"motor_position_{j}")] = 0.5 * arm.parameters[f"ratio_{j}"]
+    tip = arm.evaluate("points", q=np.full(arm.n, 0.5))["points"][-2:]
+    controller.path[:] = np.r_[tip, 0.0, 0.0]
+    constants = np.array([arm.parameters[f"torque_constant_{j}"] for j in range(1, arm.n + 1)])
+    q, theta = (slice(arm.index(f"{what}_position_1"), arm.index(f"{what}_position_1") + arm.n) for what in ("joint", "motor"))
+    for k in range(300):
+        force = (10.0 if 50 <= k < 150 else 0.0, 0.0)
+        status = controller.tick(k * 1e-3, motor_position=x[theta], joint_position=x[q], tip_force=force)
+        assert [status, *controller.torque] == theirs[k].tolist(), k
+        controller.prepare()
+        u[: arm.n], u[arm.n] = controller.torque / constants, force[0]
+        for _ in range(2):
+            x = arm.step(x, u, exact=True)
+    assert np.abs(theirs[60:150, 1:]).max() > 1e-3
+
+
+@pytest.mark.parametrize("ticks, problems", [(4000, 3000), pytest.param(1_000_000, 100_000, marks=pytest.mark.campaign)])
+def test_hostile_ticks_and_problems_end_legally_and_nothing_allocates(
+    arm: Arm, tmp_path: Path, ticks: int, problems: int
+) -> None:
+    run = program(tmp_path, arm, HERE / "mpc_harness.c", "harness", "-D_GNU_SOURCE", "-fno-builtin")
+    done = subprocess.run([str(run), str(ticks), str(problems)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert f"{ticks} ticks without an allocation" in done.stdout
