@@ -41,9 +41,8 @@ void hda_mpc_foresee(const double *c, const double *torque, const double *distur
 }
 
 void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, const double *c, const hda_mpc_noise *noise) {
-    double M[NU * NU];
     memset(e, 0, sizeof *e);
-    hda_mass_matrix(m->joint_position, c, M);
+    mpc_gear(c, e->ratio, e->damping);
     for (int j = 0; j < NU; j++) {
         if (flexible[j]) {
             e->s[places[j]] = m->motor_position[j];
@@ -146,7 +145,6 @@ static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double
 
 void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double *torque, const double *c, const hda_mpc_noise *noise, double period,
                       int by_sensor) {
-    mpc_gear(c, e->ratio, e->damping);
     predict(e, torque, c, noise, period);
     e->innovation = 0.0;
     for (int j = 0; j < NU; j++) {
