@@ -45,7 +45,9 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what was asked."""
-    return {"table": _table, "explain": _explain, "keys": _keys, "reference": _reference, "header": _header}[options.what](options)
+    return {"table": _table, "explain": _explain, "keys": _keys, "reference": _reference, "header": _header}[
+        options.what
+    ](options)
 
 
 def _keys(_: argparse.Namespace) -> int:

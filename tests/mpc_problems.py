@@ -109,7 +109,10 @@ def by_osqp(sizes: Sizes, problem: Floats, tolerance: float = 1e-9) -> Floats | 
         ]
     )
     free = np.full(soft, np.inf)
-    l, u = np.concatenate([low[hard], -free, low[~hard], np.zeros(soft)]), np.concatenate([high[hard], high[~hard], free, free])
+    l, u = (
+        np.concatenate([low[hard], -free, low[~hard], np.zeros(soft)]),
+        np.concatenate([high[hard], high[~hard], free, free]),
+    )
     cost = sparse.triu(sparse.block_diag([P, sparse.diags(q["square"][~hard])]), format="csc")
     solver = osqp.OSQP()
     solver.setup(cost, np.concatenate([g, q["linear"][~hard]]), A.tocsc(), l, u, eps_abs=tolerance, eps_rel=tolerance,

@@ -1,4 +1,5 @@
-"""The predictive controller's C: compiled alone, bit for bit what Python gets; no allocation; hostile ticks and problems."""
+"""The predictive controller's C: compiled alone, bit for bit what Python gets; no allocation; hostile ticks and
+problems."""
 
 from __future__ import annotations
 
@@ -59,9 +60,7 @@ def program(folder: Path, arm: Arm, main: Path, objects: Path, *more: str) -> Pa
     return out
 
 
-def test_the_example_compiled_alone_gives_what_python_gets_bit_for_bit(
-    arm: Arm, objects: Path, tmp_path: Path
-) -> None:
+def test_the_example_compiled_alone_gives_what_python_gets_bit_for_bit(arm: Arm, objects: Path, tmp_path: Path) -> None:
     run = program(tmp_path, arm, arm.folder / "example_mpc.c", objects)
     lines = subprocess.run([str(run)], capture_output=True, text=True, check=True).stdout.split("\n")[:-1]
     theirs = np.array([[float(v) for v in line.split()] for line in lines])
@@ -75,7 +74,9 @@ def test_the_example_compiled_alone_gives_what_python_gets_bit_for_bit(
     tip = arm.evaluate("points", q=np.full(arm.n, 0.5))["points"][-2:]
     controller.path[:] = np.r_[tip, 0.0, 0.0]
     constants = np.array([arm.parameters[f"torque_constant_{j}"] for j in range(1, arm.n + 1)])
-    q, theta = (slice(arm.index(f"{what}_position_1"), arm.index(f"{what}_position_1") + arm.n) for what in ("joint", "motor"))
+    q, theta = (
+        slice(arm.index(f"{what}_position_1"), arm.index(f"{what}_position_1") + arm.n) for what in ("joint", "motor")
+    )
     for k in range(300):
         force = (10.0 if 50 <= k < 150 else 0.0, 0.0)
         status = controller.tick(k * 1e-3, motor_position=x[theta], joint_position=x[q], tip_force=force)
@@ -87,7 +88,9 @@ def test_the_example_compiled_alone_gives_what_python_gets_bit_for_bit(
     assert np.abs(theirs[60:150, 1:]).max() > 1e-3
 
 
-@pytest.mark.parametrize("ticks, problems", [(4000, 3000), pytest.param(1_000_000, 100_000, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "ticks, problems", [(4000, 3000), pytest.param(1_000_000, 100_000, marks=pytest.mark.campaign)]
+)
 def test_hostile_ticks_and_problems_end_legally_and_nothing_allocates(
     arm: Arm, objects: Path, tmp_path: Path, ticks: int, problems: int
 ) -> None:

@@ -74,7 +74,9 @@ def test_embedded_osqp_solves_the_same_problem(arm: Arm) -> None:
 
 
 @pytest.mark.parametrize("which", [RICCATI, OSQP, INTERIOR])
-@pytest.mark.parametrize("malice", ["nan", "infinite", "huge", "crossed", "negative weight", "negative penalty", "soft input"])
+@pytest.mark.parametrize(
+    "malice", ["nan", "infinite", "huge", "crossed", "negative weight", "negative penalty", "soft input"]
+)
 def test_what_cannot_be_solved_with_is_refused_and_the_solution_stays(arm: Arm, which: int, malice: str) -> None:
     sizes, solver = sizes_of(arm), Solver(arm)
     problem = random_problem(sizes, np.random.default_rng(1))

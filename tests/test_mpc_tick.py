@@ -29,7 +29,8 @@ class Loop:
 
     def tick(self, late: float = 0.0, stamp: float | None = None, **given: object) -> int:
         self.now += H + late
-        values = {"motor_position": self.theta, "joint_position": self.q, "tip_force": (0.0, 0.0), **given}
+        still = dict.fromkeys(("motor_velocity", "joint_velocity", "tip_force"), (0.0, 0.0))
+        values = {"motor_position": self.theta, "joint_position": self.q, **still, **given}
         status = self.k.tick(self.now, stamp=self.now if stamp is None else stamp, **values)  # type: ignore[arg-type]
         torque = self.k.torque
         assert np.isfinite(torque).all()
@@ -48,7 +49,9 @@ def loop() -> Loop:
     return made
 
 
-@pytest.mark.parametrize("channel", ["motor_position", "joint_position", "motor_velocity", "joint_velocity", "tip_force"])
+@pytest.mark.parametrize(
+    "channel", ["motor_position", "joint_position", "motor_velocity", "joint_velocity", "tip_force"]
+)
 @pytest.mark.parametrize("value", [NAN, float("inf")])
 def test_a_measurement_that_is_no_number_is_refused_and_latched(loop: Loop, channel: str, value: float) -> None:
     assert loop.tick(**{channel: (0.0, value)}) == -20

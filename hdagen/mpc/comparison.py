@@ -22,6 +22,7 @@ LAWS = ("impedance_cartesian", "admittance_cartesian")
 FREE = (Push(3.0, 4.0, (15.0, 0.0)), Push(6.0, 7.0, (0.0, 15.0)))  # the paper's Fig. 11
 HARD = (Push(1.0, 2.0, (25.0, 0.0)), Push(3.0, 4.0, (0.0, 25.0)), Push(5.0, 6.5, (30.0, 15.0)))
 WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))  # a surface that bears 20 N, and a fixture
+SUDDEN = 0.035  # m/s: 30 N for 4 ms on 3.4 kg
 ALLOWED = {"joint_position": 0.005, "wall": 1e-3}  # rad, m; of speeds and torques SHARE
 SHARE = 0.02
 DELAYS, SPREAD, SIZES = (1, 3), 0.1, (5.0, 30.0)  # ticks; of parameters; N
@@ -76,7 +77,7 @@ def courses(c: Configuration) -> Iterator[tuple[str, Reference, tuple[Push, ...]
 
 def default() -> Configuration:
     """The configuration of the table: two walls, a tip that moves at most 0.15 m/s, all else as it is."""
-    return checked({"limits": {"tip_speed": 0.15}}, "table").changed(WALLS)
+    return checked({"limits": {"tip_speed": 0.15, "sudden": SUDDEN}}, "table").changed(WALLS)
 
 
 def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None, evaluations: int = 40) -> Comparison:

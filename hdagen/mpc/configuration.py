@@ -187,6 +187,10 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
             f"{where}: a node lasts {min(grid):g} s and the period {c['mpc.period']:g} s; make every node at "
             f"least as long."
         )
+    if c["limits.sudden"] >= c["limits.tip_speed"]:
+        problems.append(
+            f"{where}: limits.sudden leaves nothing of limits.tip_speed, {c['limits.tip_speed']:g} m/s; lower it."
+        )
     if c["weights.position"] + c["weights.velocity"] <= 0:
         problems.append(
             f"{where}: weights.position and weights.velocity are both 0, so nothing is followed; raise one."

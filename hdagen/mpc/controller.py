@@ -248,7 +248,9 @@ class MPC(Controller):
         values += listed("mpc_guard_real", limits.tolist()) + listed("mpc_guard_whole", whole)
         joints = range(1, self.arm.n + 1)
         values += listed("mpc_ratio", [self.arm.parameters[f"ratio_{j}"] for j in joints])
-        return values + listed("mpc_torque_constant", [self.arm.parameters.get(f"torque_constant_{j}", 1.0) for j in joints])
+        return values + listed(
+            "mpc_torque_constant", [self.arm.parameters.get(f"torque_constant_{j}", 1.0) for j in joints]
+        )
 
     def whole(self) -> Problem:
         """The whole nonlinear problem of the last tick, for the truth beside it."""

@@ -135,6 +135,16 @@ KEYS = (
     Key("limits", "tip_speed", "number", 0.25, "m/s", 0, 100, "length of the tip's velocity", open=True),
     Key(
         "limits",
+        "sudden",
+        "number",
+        0.0,
+        "m/s",
+        0,
+        10,
+        "tip speed kept free for forces that come suddenly: about force × 5 ms / mass at the tip",
+    ),
+    Key(
+        "limits",
         "margin",
         "number",
         0.03,

@@ -66,7 +66,13 @@ def settings_of(arm: Arm, c: Configuration) -> Array:
     values = [SOLVERS.index(c["mpc.solver"]), c["mpc.tolerance"], c["mpc.iterations"], c["mpc.delay"]]
     values += [c["admittance.force"] == "sensor", c["admittance.force_decay"], c["weights.terminal"]]
     values += [c[f"weights.{name}"] for name in ("position", "velocity", "posture", "torque", "torque_rate")]
-    values += [c["limits.linear"], c["limits.square"], c["limits.tip_speed"], c["limits.margin"], *grid]
+    values += [
+        c["limits.linear"],
+        c["limits.square"],
+        c["limits.tip_speed"] - c["limits.sudden"],
+        c["limits.margin"],
+        *grid,
+    ]
     values += axis("mass") + axis("damping") + axis("stiffness")
     for name in ("joint_low", "joint_high", "motor_speed", "joint_torque"):
         values += limits[name]

@@ -54,6 +54,7 @@ void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, cons
         e->P[turns[j] * (E + 1)] = 1e-4;
         e->P[(NX + j) * (E + 1)] = square(noise->disturbance[j]);
         e->last[j] = m->joint_position[j];
+        e->twist[j] = m->motor_position[j] / e->ratio[j] - m->joint_position[j];
     }
     for (int i = 0; i < 2; i++) {
         e->s[AT_FORCE + i] = m->tip_force[i];
@@ -124,6 +125,9 @@ static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double
     for (int j = 0; j < NU; j++) {
         e->speed[j] += share * ((m->joint_position[j] - e->last[j]) / h - e->speed[j]);
         e->last[j] = m->joint_position[j];
+        const double twist = m->motor_position[j] / e->ratio[j] - m->joint_position[j];
+        e->twisting[j] += share * ((twist - e->twist[j]) / h - e->twisting[j]);
+        e->twist[j] = twist;
         motor[j] = flexible[j] ? m->motor_position[j] : 0.0;
     }
     hda_mass_matrix(m->joint_position, c, M);
@@ -131,7 +135,7 @@ static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double
     hda_gravity_torque(m->joint_position, c, g);
     hda_torque_estimate(motor, m->joint_position, still, still, torque, c, series, other, dynamic);
     for (int j = 0; j < NU; j++) {
-        double momentum = 0.0, pushed = flexible[j] ? series[j] + e->damping[j] * (e->s[speeds[j]] / e->ratio[j] - e->speed[j]) : torque[j] * e->ratio[j];
+        double momentum = 0.0, pushed = flexible[j] ? series[j] + e->damping[j] * e->twisting[j] : torque[j] * e->ratio[j];
         for (int i = 0; i < NU; i++) {
             momentum += M[i * NU + j] * e->speed[i];
             pushed += C[j * NU + i] * e->speed[i];

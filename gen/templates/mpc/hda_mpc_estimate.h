@@ -26,6 +26,7 @@ typedef struct hda_mpc_estimator {
     double integral[HDA_N], outside[HDA_N];   /* momentum observer: its integral, joint torques from outside */
     double last[HDA_N];                       /* joint positions a tick before */
     double speed[HDA_N];                      /* filtered difference of the joint positions */
+    double twist[HDA_N], twisting[HDA_N];     /* torsion a tick before, and its difference by the same filter */
     double ratio[HDA_N], damping[HDA_N];      /* of the gears */
     double known;                             /* the integral has begun */
     double innovation;                        /* squared, normalised, summed over the encoders */
