@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 EXAMPLES = """examples:
   python -m gen build                          the preset `paper` into build/
@@ -51,20 +52,15 @@ def main(arguments: list[str] | None = None) -> int:
     timed.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     timed.add_argument("--rounds", type=int, default=60, help="turns of every contestant (default: 60)")
     timed.add_argument("--out", type=Path, default=Path("build"))
-    truth = commands.add_parser(
-        "truth", help="converge predictive control problems (JSON on stdin) by IPOPT; prints JSON"
-    )
-    truth.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
-    truth.add_argument("--mpc", required=True, help="the controller's structure: nodes=20,walls=2,space=tip")
+    _add_truth(commands)
     options = parser.parse_args(arguments)
     from gen.build import BuildError
     from gen.compile import CompileError
     from gen.robot import RobotError
 
     try:
-        return {"build": _build, "list": _list, "check": _check, "time": _time, "truth": _truth}[options.command](
-            options
-        )
+        runs = {"build": _build, "list": _list, "check": _check, "time": _time, "truth": _truth}
+        return runs[options.command](options)
     except RobotError as error:
         for problem in error.problems:
             print(problem, file=sys.stderr)
@@ -105,6 +101,14 @@ def _build(options: argparse.Namespace) -> int:
     print(f"{'built' if made else 'unchanged'} ({options.profile})", file=sys.stderr)
     print(folder)
     return 0
+
+
+def _add_truth(commands: Any) -> None:
+    truth = commands.add_parser(
+        "truth", help="converge predictive control problems (JSON on stdin) by IPOPT; prints JSON"
+    )
+    truth.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
+    truth.add_argument("--mpc", required=True, help="the controller's structure: nodes=20,walls=2,space=tip")
 
 
 def _truth(options: argparse.Namespace) -> int:

@@ -33,9 +33,9 @@ class Sizes:
         """The arrays of hda_mpc_qp.h in order; matrices hold columns in their last but one axis."""
         n, nx, k, rows = self.n, self.nx, self.nodes, self.rows
         return {
-            "first": (nx,), "A": (k, nx, nx), "B": (k, n, nx), "b": (k, nx), "H": (k, nx, nx), "h": (k, nx), "R": (k, n),
-            "r": (k, n), "D": (k, n), "d": (k, n), "G": (k, self.general, nx), "low": (k, rows), "high": (k, rows),
-            "linear": (k, rows), "square": (k, rows),
+            "first": (nx,), "A": (k, nx, nx), "B": (k, n, nx), "b": (k, nx), "H": (k, nx, nx), "h": (k, nx),
+            "R": (k, n), "r": (k, n), "D": (k, n), "d": (k, n), "G": (k, self.general, nx),
+            "low": (k, rows), "high": (k, rows), "linear": (k, rows), "square": (k, rows),
         }  # fmt: skip
 
     def split(self, problem: Floats) -> dict[str, Floats]:
@@ -109,14 +109,15 @@ def by_osqp(sizes: Sizes, problem: Floats, tolerance: float = 1e-9) -> Floats | 
         ]
     )
     free = np.full(soft, np.inf)
-    l, u = (
+    lower, upper = (
         np.concatenate([low[hard], -free, low[~hard], np.zeros(soft)]),
         np.concatenate([high[hard], high[~hard], free, free]),
     )
     cost = sparse.triu(sparse.block_diag([P, sparse.diags(q["square"][~hard])]), format="csc")
     solver = osqp.OSQP()
-    solver.setup(cost, np.concatenate([g, q["linear"][~hard]]), A.tocsc(), l, u, eps_abs=tolerance, eps_rel=tolerance,
-                 max_iter=100_000, verbose=False, check_dualgap=False)  # fmt: skip
+    settings = {"eps_abs": tolerance, "eps_rel": tolerance, "max_iter": 100_000, "verbose": False}
+    linear = np.concatenate([g, q["linear"][~hard]])
+    solver.setup(cost, linear, A.tocsc(), lower, upper, check_dualgap=False, **settings)
     found = solver.solve(raise_error=False)
     return None if found.info.status_val != 1 else np.array(found.x[:count]).reshape(-1, sizes.n)
 

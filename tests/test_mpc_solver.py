@@ -123,8 +123,8 @@ def test_out_of_iterations_is_not_called_solved(arm: Arm) -> None:
     if status == CAPPED:
         q = sizes.split(problem)
         T = solver.solution[: sizes.nodes * sizes.n].reshape(-1, sizes.n)
-        assert (T <= q["high"][:, : sizes.n]).all()
-        assert (T >= q["low"][:, : sizes.n]).all()
+        assert (q["high"][:, : sizes.n] >= T).all()
+        assert (q["low"][:, : sizes.n] <= T).all()
 
 
 def test_an_unlimited_problem_is_solved_by_one_factorisation(arm: Arm) -> None:
