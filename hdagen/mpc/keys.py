@@ -80,8 +80,8 @@ KEYS = (
         "rate at which the tip force fades over the horizon; 0: held",
     ),
     Key("weights", "position", "number", 1e6, "1/m²", 0, 1e12, "distance from the target (1/rad²)"),
-    Key("weights", "velocity", "number", 1e3, "s²/m²", 0, 1e12, "difference of velocity (s²/rad²)"),
-    Key("weights", "posture", "number", 1.0, "s²/rad²", 0, 1e12, "joint speeds: what the target leaves free"),
+    Key("weights", "velocity", "number", 100.0, "s²/m²", 0, 1e12, "difference of velocity (s²/rad²)"),
+    Key("weights", "posture", "number", 0.1, "s²/rad²", 0, 1e12, "joint speeds: what the target leaves free"),
     Key("weights", "torque", "number", 0.1, "1/(N m)²", 0, 1e12, "motor torque less what holds the arm"),
     Key("weights", "torque_rate", "number", 10.0, "1/(N m)²", 0, 1e12, "change of torque from node to node"),
     Key("weights", "terminal", "number", 10.0, "1", 0, 1e6, "factor on position and velocity at the last node"),
@@ -172,9 +172,9 @@ KEYS = (
     Key("wall", "margin", "number", 5e-4, "m", 0, 0.1, "distance kept for what the model does not know"),
     Key("estimator", "torque", "joints", 0.02, "N m/√Hz", 0, 1e6, "white torque at the motors", open=True),
     Key(
-        "estimator", "disturbance", "joints", 1.0, "N m/√s", 0, 1e6, "walk of the disturbance at the motors", open=True
+        "estimator", "disturbance", "joints", 0.3, "N m/√s", 0, 1e6, "walk of the disturbance at the motors", open=True
     ),
-    Key("estimator", "load", "joints", 0.05, "N m/√Hz", 0, 1e6, "white torque at the joints", open=True),
+    Key("estimator", "load", "joints", 0.01, "N m/√Hz", 0, 1e6, "white torque at the joints", open=True),
     Key("estimator", "force", "number", 50.0, "N/√s", 0, 1e6, "walk of the tip force", open=True),
     Key("estimator", "sensor", "number", 0.2, "N", 0, 1e6, "deviation of the force sensor", open=True),
     Key("estimator", "observer", "number", 100.0, "rad/s", 0, 1e4, "bandwidth of the momentum observer", open=True),

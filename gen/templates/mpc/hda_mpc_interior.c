@@ -75,9 +75,10 @@ static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double nearest, double 
     if (w->pairs == 0.0) w->pairs = 1.0;
 }
 
-/* Residuals and weights; returns the largest residual. */
-static double measure(hda_mpc_work *w) {
-    W worst = zero;
+/* Residuals, weights, and reciprocals of the products; the largest residual, and the mean of the products in gap. */
+static double measure(hda_mpc_work *w, double *gap) {
+    W worst = zero, sum = zero;
+    double all = 0.0;
     hda_mpc_wide *weight = (hda_mpc_wide *)w->weight;
     for (int low = 0; low < 2; low++) {
         hda_mpc_side *z = &w->side[low];
@@ -92,11 +93,17 @@ static double measure(hda_mpc_work *w) {
             z->open[b] = open;
             z->give[b] = give;
             z->ease[b] = ease;
+            const W pair = z->t[b] * z->l[b], soft_pair = z->s[b] * z->v[b], soft = w->soft[b] * z->there[b];
+            z->pair[b] = 1.0 / (pair + (1.0 - z->there[b]));
+            z->soft_pair[b] = 1.0 / (soft_pair + (1.0 - soft));
+            sum += z->there[b] * pair + soft * soft_pair;
             if (low) weight[b] += z->l[b] * give;
             else weight[b] = z->l[b] * give;
             worst = LARGER(worst, d);
         }
     }
+    for (int lane = 0; lane < 8; lane++) all += sum[lane];
+    *gap = all / w->pairs;
     return most_of(&worst);
 }
 
@@ -126,12 +133,12 @@ static double stride(hda_mpc_work *w) {
         hda_mpc_side *z = &w->side[low];
         const double side = low ? -1.0 : 1.0;
         for (int b = 0; b < BLOCKS; b++) {
-            const W shift = z->ease[b] * (z->s[b] * z->open[b] - z->soft_product[b]), gone = 1.0 - z->there[b];
+            const W shift = z->ease[b] * (z->s[b] * z->open[b] - z->soft_product[b]);
             const W dr = side * (*(hda_mpc_wide *)(w->next.rows + 8 * b) - *(hda_mpc_wide *)(w->now.rows + 8 * b));
             const W dl = z->give[b] * (z->l[b] * (dr - shift + z->over[b]) - z->product[b]);
             const W ds = z->there[b] * (z->s[b] * z->ease[b] * dl + shift);
             const W dt = z->there[b] * (ds - dr - z->over[b]), dv = z->there[b] * w->soft[b] * (w->square[b] * ds - dl - z->open[b]);
-            const W pair = 1.0 / (z->t[b] * z->l[b] + gone), soft_pair = 1.0 / (z->s[b] * z->v[b] + (1.0 - w->soft[b] * z->there[b]));
+            const W pair = z->pair[b], soft_pair = z->soft_pair[b];
             const W a = -dt * z->l[b] * pair, c = -dl * z->t[b] * pair, e = -ds * z->v[b] * soft_pair, g = -dv * z->s[b] * soft_pair;
             const W first = LARGER(a, c), last = LARGER(e, g), both = LARGER(first, last);
             z->dl[b] = dl;
@@ -209,7 +216,8 @@ int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
     hda_mpc_point *next = &w->next;
     int near = 0;
     for (; w->rounds < HDA_MPC_INTERIOR; w->rounds++) {
-        const double worst = measure(w), gap = mean(w, 0.0);
+        double gap;
+        const double worst = measure(w, &gap);
         near = worst < larger(CLOSE, wanted) && gap < wanted && w->unmet < larger(CLOSE, wanted);
         if (near || !(worst < 1e100) || !(gap < 1e100) || hda_mpc_factor(qp, w->weight, &w->f)) break;
         lean(w, 0.0, 0.0);

@@ -22,6 +22,7 @@ typedef struct hda_mpc_side {
     hda_mpc_wide t[HDA_MPC_BLOCKS], l[HDA_MPC_BLOCKS], s[HDA_MPC_BLOCKS], v[HDA_MPC_BLOCKS];
     hda_mpc_wide dt[HDA_MPC_BLOCKS], dl[HDA_MPC_BLOCKS], ds[HDA_MPC_BLOCKS], dv[HDA_MPC_BLOCKS];
     hda_mpc_wide over[HDA_MPC_BLOCKS], open[HDA_MPC_BLOCKS], give[HDA_MPC_BLOCKS], ease[HDA_MPC_BLOCKS];
+    hda_mpc_wide pair[HDA_MPC_BLOCKS], soft_pair[HDA_MPC_BLOCKS]; /* reciprocals of t l and s v */
     hda_mpc_wide product[HDA_MPC_BLOCKS], soft_product[HDA_MPC_BLOCKS];
 } hda_mpc_side;
 
