@@ -12,9 +12,7 @@ enum { N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, ALL = N * ROWS };
 #define STIFF 1e4      /* weight of a row of length 1 at its bound */
 #define STIFFER 100.0  /* factor on it where the multipliers come slowly */
 #define FEASIBLE 1e-11
-#define NEAR 1e-7      /* gaps of the interior point at which the active set is tried */
-
-#define NEARER 1e-11
+#define NEAR 1e-11     /* gap of the interior point at which the active set takes over */
 #define SLIGHT 1e-9 /* of values and multipliers that decide on the set */
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
@@ -194,16 +192,11 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
 
 /* The interior point comes near; then the active set takes over, exact where its set stands. */
 static int inside(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored) {
-    static const double gaps[] = {NEAR, NEARER};
-    int near = 0;
-    for (int stage = 0; stage < 2; stage++) {
-        near = hda_mpc_approach(qp, w, gaps[stage]);
-        w->kept = w->now;
-        guess(qp, w);
-        if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1) return hand(qp, s, w, factored + w->rounds, w->rounds, 1);
-        w->now = w->kept;
-        if (!near) break;
-    }
+    const int near = hda_mpc_approach(qp, w, NEAR);
+    w->kept = w->now;
+    guess(qp, w);
+    if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1) return hand(qp, s, w, factored + w->rounds, w->rounds, 1);
+    w->now = w->kept;
     return hand(qp, s, w, factored + w->rounds, w->rounds, near);
 }
 

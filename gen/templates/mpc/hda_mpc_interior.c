@@ -15,6 +15,7 @@ enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL, BLOCKS = HDA_MPC_BLOCKS };
 #define GAP 0.1        /* product of every pair to begin with */
 #define START_AGAIN 0.01 /* the same from an earlier solution */
 #define GAP_AGAIN 0.01
+#define STALLED 1e-9   /* gap below which no progress is an end */
 #define BOUNDARY 0.995
 
 typedef double W __attribute__((vector_size(64)));
@@ -214,11 +215,14 @@ int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
 
 int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
     hda_mpc_point *next = &w->next;
+    double last = 1e300;
     int near = 0;
     for (; w->rounds < HDA_MPC_INTERIOR; w->rounds++) {
         double gap;
         const double worst = measure(w, &gap);
         near = worst < larger(CLOSE, wanted) && gap < wanted && w->unmet < larger(CLOSE, wanted);
+        near |= gap < STALLED && gap > 0.5 * last && worst < CLOSE && w->unmet < CLOSE; /* rounding lets it come no nearer */
+        last = gap;
         if (near || !(worst < 1e100) || !(gap < 1e100) || hda_mpc_factor(qp, w->weight, &w->f)) break;
         lean(w, 0.0, 0.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
@@ -233,7 +237,7 @@ int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
     for (int e = 0; e < ALL; e++) {
         const double high = w->side[0].l[e / 8][e % 8], low = w->side[1].l[e / 8][e % 8];
         const double far_high = w->side[0].t[e / 8][e % 8], far_low = w->side[1].t[e / 8][e % 8];
-        w->now.y[e] = near && wanted > 1e-9 ? (high > far_high ? high : 0.0) - (low > far_low ? low : 0.0) : high - low;
+        w->now.y[e] = (high > far_high ? high : 0.0) - (low > far_low ? low : 0.0); /* of the rest nothing is left in the limit */
     }
     return near;
 }

@@ -6,7 +6,7 @@
 
 enum {
     HDA_MPC_ROUNDS = 6,   /* factorisations of the active set */
-    HDA_MPC_POLISHES = 4, /* the same after the interior point */
+    HDA_MPC_POLISHES = 2, /* the same after the interior point */
     HDA_MPC_REFINES = 5,  /* solutions with one factorisation */
     HDA_MPC_INTERIOR = 40 /* iterations of the interior point */
 };
