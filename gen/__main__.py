@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 EXAMPLES = """examples:
   python -m gen build                          the preset `paper` into build/
@@ -21,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check | time")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check | time | truth")
     build = commands.add_parser(
         "build",
         help="generate and compile a robot; prints the folder",
@@ -37,6 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     build.add_argument("--out", type=Path, default=Path("build"), help="where the folder goes (default: build)")
     build.add_argument("--effects", default="", help="effects to add to the model, separated by commas, or all")
+    build.add_argument("--mpc", default="", help="add a predictive controller: nodes=20,walls=2,space=tip (or joint)")
     listed = commands.add_parser("list", help="what is built")
     listed.add_argument("--out", type=Path, default=Path("build"))
     check = commands.add_parser("check", help="validate a robot and say what would be built")
@@ -50,13 +52,15 @@ def main(arguments: list[str] | None = None) -> int:
     timed.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     timed.add_argument("--rounds", type=int, default=60, help="turns of every contestant (default: 60)")
     timed.add_argument("--out", type=Path, default=Path("build"))
+    _add_truth(commands)
     options = parser.parse_args(arguments)
     from gen.build import BuildError
     from gen.compile import CompileError
     from gen.robot import RobotError
 
     try:
-        return {"build": _build, "list": _list, "check": _check, "time": _time}[options.command](options)
+        runs = {"build": _build, "list": _list, "check": _check, "time": _time, "truth": _truth}
+        return runs[options.command](options)
     except RobotError as error:
         for problem in error.problems:
             print(problem, file=sys.stderr)
@@ -86,10 +90,39 @@ def _effects(options: argparse.Namespace) -> tuple[str, ...]:
 
 def _build(options: argparse.Namespace) -> int:
     from gen.build import build
+    from gen.mpc.structure import StructureError, parse
 
-    folder, made = build(options.robot, options.profile, options.out, _effects(options))
+    try:
+        structure = parse(options.mpc)
+    except StructureError as error:
+        print(error, file=sys.stderr)
+        return 2
+    folder, made = build(options.robot, options.profile, options.out, _effects(options), structure)
     print(f"{'built' if made else 'unchanged'} ({options.profile})", file=sys.stderr)
     print(folder)
+    return 0
+
+
+def _add_truth(commands: Any) -> None:
+    truth = commands.add_parser(
+        "truth", help="converge predictive control problems (JSON on stdin) by IPOPT; prints JSON"
+    )
+    truth.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
+    truth.add_argument("--mpc", required=True, help="the controller's structure: nodes=20,walls=2,space=tip")
+
+
+def _truth(options: argparse.Namespace) -> int:
+    import json
+
+    from gen.build import assembled
+    from gen.mpc.structure import parse
+    from gen.mpc.truth import truth
+    from gen.robot import load
+
+    structure = parse(options.mpc)
+    made, _, _ = assembled(options.robot, load(options.robot), ())
+    assert structure is not None
+    print(json.dumps([truth(made, structure, problem) for problem in json.load(sys.stdin)]))
     return 0
 
 

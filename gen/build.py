@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gen import compile as compiler
+from gen.mpc.structure import Structure, StructureError
 from gen.presets import presets
 from gen.robot import LARGEST, Robot, RobotError, load
 from gen.rules import slug
@@ -37,13 +38,15 @@ class BuildError(Exception):
     """A build that cannot be made or kept; one sentence."""
 
 
-def key(robot: bytes, profile: str, extra: tuple[str, ...]) -> str:
-    """Hash of all that decides the outcome: robot, added effects, gen's files, versions, compiler, flags, processor."""
+def key(robot: bytes, profile: str, extra: tuple[str, ...], mpc: Structure | None = None) -> str:
+    """Hash of all that decides the outcome: robot, added effects, the predictive controller, gen's files, versions,
+    compiler, flags, processor."""
     digest = hashlib.sha256()
     parts = [robot, profile.encode(), " ".join(extra).encode(), " ".join(compiler.flags(profile)).encode()]
     parts += [compiler.find().version.encode(), sys.platform.encode(), platform.machine().encode()]
     parts += [_version("casadi").encode(), _version("numpy").encode()]
     parts += [" ".join(compiler.cpu_flags()).encode() if profile == "native" else b""]
+    parts += [mpc.text.encode(), _version("osqp").encode()] if mpc else []
     for part in (*parts, *_sources(HERE)):
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
@@ -70,7 +73,9 @@ def _version(package: str) -> str:
         ) from None
 
 
-def place(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> tuple[Path, str, bytes]:
+def place(
+    source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
+) -> tuple[Path, str, bytes]:
     """The folder of a build, its hash, and the robot file as read. Raises RobotError, CompileError, BuildError."""
     path = presets().get(source, Path(source))
     try:
@@ -80,7 +85,7 @@ def place(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> 
     if content is None:
         load(source)  # says what is wrong
         raise BuildError(f"{source}: the file changed while it was read; build again.")
-    name = key(content, profile, extra)
+    name = key(content, profile, extra, mpc)
     return out / f"{slug(_name(content))}-{name}", name, content
 
 
@@ -93,20 +98,24 @@ def _name(content: bytes) -> str:
     return name if isinstance(name, str) else "arm"
 
 
-def build(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> tuple[Path, bool]:
-    """Build the robot (preset or path) with ``extra`` effects added; returns the folder and whether anything was made.
+def build(
+    source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
+) -> tuple[Path, bool]:
+    """Build the robot (preset or path) with ``extra`` effects added, and with a predictive controller where ``mpc``
+    says
+    which; returns the folder and whether anything was made.
 
     An intact build is used as it is; a damaged one is put aside and made again. Raises RobotError, CompileError,
     BuildError.
     """
     extra = tuple(sorted(set(extra)))
-    folder, name, content = place(source, profile, out, extra)
+    folder, name, content = place(source, profile, out, extra, mpc)
     if intact(folder, name):
         return folder, False
     made, effects, examined = assembled(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
-    if place(source, profile, out, extra)[2] != content:
+    if place(source, profile, out, extra, mpc)[2] != content:
         raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -116,7 +125,7 @@ def build(source: str, profile: str, out: Path, extra: tuple[str, ...] = ()) -> 
             print(f"building {made.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
             for stale in out.glob(f".*{PART}*"):  # left by a build that was killed; the lock is ours
                 _discard(stale)
-            _make(made, effects, profile, folder, name)
+            _make(made, effects, profile, folder, name, mpc)
     except OSError as error:
         why = error.strerror or error
         raise BuildError(
@@ -154,7 +163,9 @@ def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Librar
     return made, effects, examined
 
 
-def _make(made: Library, effects: tuple[Effect, ...], profile: str, folder: Path, name: str) -> None:
+def _make(
+    made: Library, effects: tuple[Effect, ...], profile: str, folder: Path, name: str, mpc: Structure | None
+) -> None:
     """Make the folder beside its place and move it there; the lock is held."""
     from gen import sources
 
@@ -166,14 +177,17 @@ def _make(made: Library, effects: tuple[Effect, ...], profile: str, folder: Path
         "cpu": compiler.cpu_flags() if profile == "native" else (),
         "library": library,
     }
-    files = sources.texts(made, effects, name, how, profile == "native")
+    try:
+        files = sources.texts(made, effects, name, how, profile == "native", mpc)
+    except StructureError as error:
+        raise BuildError(str(error)) from None
     part = folder.with_name(f".{folder.name}{PART}{os.getpid()}")
     aside = part.with_name(f"{part.name}-old")
     try:
         part.mkdir()
         for file, text in files.items():
             (part / file).write_text(text, encoding="utf-8", newline="\n")
-        compiled = sorted(f for f in files if f.endswith(".c") and f != "example.c")
+        compiled = sorted(f for f in files if f.endswith(".c") and not f.startswith("example"))
         compiler.library(part, compiled, profile, library, folder.parent / OBJECTS)
         manifest = json.loads(files["manifest.json"])
         manifest["files"] = {f.name: _hash(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}

@@ -31,8 +31,8 @@ STEPS = (
 )
 
 
-def sizes(model: Model, c: int, build: str, lanes: bool) -> str:
-    """hda_sizes.h."""
+def sizes(model: Model, c: int, build: str, lanes: bool, reference: int | None = None) -> str:
+    """hda_sizes.h; ``reference``: the largest number of reference values where it is not the guard's own."""
     names = [slot.name for slot in model.x_slots]
     slide = [names.index(f"{'joint' if j in model.rigid else 'motor'}_velocity_{j}") for j in model.joints]
     defines: dict[str, Any] = {
@@ -55,6 +55,8 @@ def sizes(model: Model, c: int, build: str, lanes: bool) -> str:
         "HDA_STEP": repr(model.robot.step),
         "HDA_BUILD": f'"{build}"',
     }
+    if reference is not None:
+        defines["HDA_REFERENCE_MAX"] = reference
     lines = "".join(f"#define {name} {value}\n" for name, value in defines.items())
     meaning = "Sizes of this model, p's nominal values, the step it is meant for (s), the build it belongs to."
     return guarded("HDA_SIZES_H", meaning, lines)
@@ -96,8 +98,8 @@ def _declare(name: str, ins: Any, outs: Any) -> str:
     return f"void hda_{name}({', '.join(arguments)})"
 
 
-def table(functions: tuple[Emitted, ...]) -> str:
-    """hda_table.h: what Python may call, with the length of every array."""
+def table(functions: tuple[Emitted, ...], mpc: bool = False) -> str:
+    """hda_table.h: what Python may call, with the length of every array; ``mpc``: the predictive controller too."""
     entries = [(f.name, [(a, str(n)) for a, n in f.inputs], [(a, str(n)) for a, n in f.outputs]) for f in functions]
     entries += [(name, [_sized(a) for a in ins], [_sized(a) for a in outs]) for name, ins, outs, _ in STEPS]
     calls, rows = [], []
@@ -106,9 +108,15 @@ def table(functions: tuple[Emitted, ...]) -> str:
         calls.append(f"static void call_{name}(void *const *a) {{ hda_{name}({arguments}); }}\n")
         cells = [f"{{\"{a}\", 'd', {n}, 0}}" for a, n in ins] + [f"{{\"{a}\", 'd', {n}, 1}}" for a, n in outs]
         rows.append(f'    {{"{name}", {len(cells)}, call_{name}, {{{", ".join(cells)}}}}},\n')
-    listed = "".join(rows) + "    HDA_BRIDGE_ENTRIES\n    {NULL, 0, NULL, {{NULL, 0, 0, 0}}},\n"
+    listed = (
+        "".join(rows)
+        + "    HDA_BRIDGE_ENTRIES\n"
+        + "    HDA_MPC_BRIDGE_ENTRIES\n" * mpc
+        + "    {NULL, 0, NULL, {{NULL, 0, 0, 0}}},\n"
+    )
     text = f"{''.join(calls)}\nstatic const hda_entry hda_table[] = {{\n{listed}}};\n"
-    return guarded("HDA_TABLE_H", "What Python may call.", f'#include "hda_bridge.h"\n#include "hda_entry.h"\n\n{text}')
+    included = '#include "hda_bridge.h"\n' + '#include "hda_mpc_bridge.h"\n' * mpc + '#include "hda_entry.h"\n'
+    return guarded("HDA_TABLE_H", "What Python may call.", f"{included}\n{text}")
 
 
 def laws(found: tuple[Law, ...]) -> str:

@@ -14,6 +14,7 @@ from gen.effect import Effect
 from gen.emit import preparation, scalar_function
 from gen.library import Library
 from gen.model import Model
+from gen.mpc.structure import Structure
 
 TEMPLATES = resources.files("gen") / "templates"
 
@@ -73,7 +74,14 @@ def _stands(model: Model, key: str) -> bool:
     return any(q.name in (key, f"{key}_{q.joint}") for q in model.quantities)
 
 
-def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any], lanes: bool) -> dict[str, str]:
+def texts(
+    made: Library,
+    effects: tuple[Effect, ...],
+    build: str,
+    how: dict[str, Any],
+    lanes: bool,
+    mpc: Structure | None = None,
+) -> dict[str, str]:
     """File name -> text; the same model gives the same bytes."""
     graphs, functions = made.graphs, made.functions
     in_lanes = {form.name for form in native.forms(graphs)} if lanes else set()
@@ -85,7 +93,16 @@ def texts(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str,
     }
     files["hda.h"] = headers.header(functions)
     files["hda_sizes.h"] = headers.sizes(graphs.model, int(graphs.c.numel()), build, lanes)
-    files["hda_table.h"] = headers.table(functions)
+    files["hda_table.h"] = headers.table(functions, mpc is not None)
+    if mpc is not None:
+        from gen.mpc.sources import files as controller  # osqp, which other builds do not need
+
+        added, described = controller(made, mpc, lanes)
+        files |= added
+        axes = 2 if mpc.space == "tip" else graphs.model.n
+        path = max(64, 2 * axes * (mpc.nodes + 1))
+        files["hda_sizes.h"] = headers.sizes(graphs.model, int(graphs.c.numel()), build, lanes, path)
+        how = how | {"mpc": described}
     files["hda_laws.h"] = headers.laws(made.laws)
     ticks = {f.name for law in made.laws for f in (law.start, law.tick)}
     groups = {  # a file each, so that two compilers share the work

@@ -2,11 +2,13 @@
 
 from hdagen.control import Controller, Fault, Guard, Safe
 from hdagen.log import Log, LogError
+from hdagen.mpc.controller import MPC
 from hdagen.plant import Arm, Parameter, PlantError, StepJacobians, load
 from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors, Simulation, simulate
 
 __all__ = [
+    "MPC",
     "Arm",
     "Controller",
     "Fault",

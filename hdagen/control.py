@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdagen.plant import Arm, Array, PlantError, is_number
+
+if TYPE_CHECKING:
+    from hdagen.reference import Reference
 
 UNLIMITED = 1e100
 NEVER = 2**31 - 1
@@ -94,6 +97,17 @@ class Controller:
         self.reference = self._reference[: len(self.reference_names)]
         self.torque: Array = np.zeros(n)
         self._status: NDArray[np.int32] = np.zeros(1, np.int32)
+        self._share()
+        buffers = (self._context, self._now, self.measurement)
+        self._read = "controller_read"
+        self._tick = module.bind("controller_tick", *buffers, self._reference, self.torque, self._status)
+        self._recover = module.bind("controller_recover", *buffers, self._status)
+        self._watchdog = module.bind("controller_watchdog", self._context, self._now, self.torque, self._status)
+        self.configure(guard, gains or {})
+
+    def _share(self) -> None:
+        """Names for the parts of the measurement."""
+        n = self.arm.n
         # the measurement: stamp, then n each of motor and joint positions and velocities and motor torque, then the
         # tip force
         ends = np.cumsum([1, n, n, n, n, n])
@@ -101,11 +115,6 @@ class Controller:
         self._channels: dict[str, Array] = dict(zip(CHANNELS, parts, strict=True))
         self.motor_position, self.motor_velocity, self.joint_position, self.joint_velocity = parts[:4]
         self.motor_torque, self.tip_force = parts[4:]
-        buffers = (self._context, self._now, self.measurement)
-        self._tick = module.bind("controller_tick", *buffers, self._reference, self.torque, self._status)
-        self._recover = module.bind("controller_recover", *buffers, self._status)
-        self._watchdog = module.bind("controller_watchdog", self._context, self._now, self.torque, self._status)
-        self.configure(guard, gains or {})
 
     def configure(self, guard: Guard, gains: Mapping[str, float]) -> None:
         """Replace guard and gains, with the arm's present parameters: all of it, or PlantError and nothing changes.
@@ -141,6 +150,10 @@ class Controller:
         if self._status[0]:
             raise PlantError(f"{self.law}: {self.sentence(int(self._status[0]))}")
         self._configure, self.gains, self.guard = configure, wanted, guard
+
+    def rows(self, reference: Reference) -> Array:
+        """A motion as the law takes it, a row a tick."""
+        return reference.rows()
 
     def restart(self) -> None:
         """Begin as if just made: no torque sent, no time known, no fault; law, parameters, gains and guard stay. For
@@ -230,8 +243,8 @@ class Controller:
     def read_fault(self) -> Fault | None:
         """The first fault since the last reading, and clear it; the safe state stays until `recover`."""
         n, module = self.arm.n, self.arm.module
-        whole, real = np.zeros(4, np.int32), np.zeros(module.length("controller_read", "real"))
-        module.bind("controller_read", self._context, whole, real).run()
+        whole, real = np.zeros(4, np.int32), np.zeros(module.length(self._read, "real"))
+        module.bind(self._read, self._context, whole, real).run()
         if not whole[0]:
             return None
         ends = np.cumsum([1, n, n, len(self.measurement)])

@@ -11,7 +11,7 @@ import sys
 import sysconfig
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 SCHEMA = 1
 PROFILES = ("portable", "native")
@@ -22,7 +22,15 @@ class PlantError(Exception):
     """A build that cannot be made, loaded or called; one sentence a problem."""
 
 
-def folder_of(robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None) -> Path:
+class Structured(Protocol):
+    """What says how a predictive controller is compiled."""
+
+    @property
+    def structure(self) -> str:
+        """As `python -m gen build --mpc` takes it."""
+
+
+def folder_of(robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: str = "") -> Path:
     """The folder of a robot's build: the one named, or one made by a child process. Raises PlantError."""
     name = os.fspath(robot)
     if not name or "\0" in name or len(name) > LONGEST:
@@ -35,7 +43,7 @@ def folder_of(robot: str | Path, profile: str, effects: tuple[str, ...], out: st
         raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
     folder = Path(out or os.environ.get("HDAGEN_BUILD") or "build")
     command = [sys.executable, "-P", "-m", "gen", "build", "--profile", profile, f"--out={folder}"]
-    command += [f"--effects={','.join(effects)}", "--", name]
+    command += [f"--effects={','.join(effects)}", f"--mpc={mpc}", "--", name]
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
     # what it prints goes to a file: two pipes of which only one is read can each wait for the other
     with tempfile.TemporaryFile("w+") as printed:

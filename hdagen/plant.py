@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hdagen.opening import PlantError, folder_of, opened, remedy
+from hdagen.opening import PlantError, Structured, folder_of, opened, remedy
 
 __all__ = [
     "Arm",
@@ -378,11 +378,16 @@ def _vector(value: ArrayLike, length: int, what: str) -> Array:
 
 
 def load(
-    robot: str | Path = "paper", profile: str = "portable", effects: tuple[str, ...] = (), out: str | Path | None = None
+    robot: str | Path = "paper",
+    profile: str = "portable",
+    effects: tuple[str, ...] = (),
+    out: str | Path | None = None,
+    mpc: Structured | None = None,
 ) -> Arm:
     """The arm of a preset, a robot.toml, or a folder that `python -m gen build` made.
 
     A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
-    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build). Raises PlantError.
+    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build); ``mpc``, a configuration of the
+    predictive controller, adds it to the library. Raises PlantError.
     """
-    return Arm(folder_of(robot, profile, effects, out))
+    return Arm(folder_of(robot, profile, effects, out, mpc.structure if mpc else ""))

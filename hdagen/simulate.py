@@ -8,7 +8,7 @@ the next row.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,8 @@ from hdagen.input_stage import InputStage
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference, fitting, posture
+
+World = Callable[[Array, Array], Array]  # tip position and velocity (2 each) -> force on the tip (2), N
 
 
 @dataclass(frozen=True)
@@ -85,8 +87,10 @@ def run(
     seed: int = 0,
     start: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
+    world: World | None = None,
 ) -> Simulation:
-    """Simulate. ``arm`` is the plant and may have other parameters than the controller's arm. ``start``: joint
+    """Simulate. ``world`` gives a force on the tip at its position and velocity, held over a tick and felt by the force
+    sensor. ``arm`` is the plant and may have other parameters than the controller's arm. ``start``: joint
     positions near which the motion begins (default: a bent arm); the arm begins at rest there, and the controller
     anew. The same seed gives the same log, to the bit.
 
@@ -101,14 +105,15 @@ def run(
     near = np.full(arm.n, 0.6) if start is None else np.asarray(start, float)
     q0 = posture(arm, reference.position[0], near) if reference.space == "tip" else reference.position[0]
     wanted = fitting(controller, reference, q0)
-    rows, count = wanted.rows(), len(reference.position)
+    rows, count = controller.rows(wanted), len(reference.position)
     push = _forces(pushes, reference.time)
     scheme = _errors(arm, sensors or Sensors())
     if not isinstance(seed, int) or seed < 0:
         raise PlantError(f"the seed is a whole number from 0, not {seed}.")
     random = np.random.default_rng(seed)
     noise = random.normal(size=(count, 2)) * scheme.force_noise
-    seen, state, torque, shown, status = _loop(arm, controller, rows, push, push + noise, q0, scheme, progress)
+    felt = push + noise
+    seen, state, torque, shown, status = _loop(arm, controller, rows, push, felt, q0, scheme, progress, world)
     commanded = torque / _constants(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
     measured = shown + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)
@@ -119,7 +124,7 @@ def run(
         columns[f"motor_position_{j + 1}"], columns[f"joint_position_{j + 1}"] = seen[:, j], seen[:, arm.n + j]
         if wanted.space == "joint":
             columns[f"joint_position_reference_{j + 1}"] = wanted.position[:, j]
-    columns["tip_force_x"], columns["tip_force_y"] = (push + noise).T
+    columns["tip_force_x"], columns["tip_force_y"] = felt.T
     columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
     log = Log(reference.time, columns, arm.n, f"simulated: {arm.robot['name']}, {controller.law}, seed {seed}")
     beyond = int(np.any(truth["beyond_law"] > 0, axis=1).sum())
@@ -189,9 +194,10 @@ def _loop(
     q0: Array,
     scheme: _Errors,
     progress: Callable[[int, int], None] | None,
+    world: World | None,
 ) -> tuple[Array, Array, Array, Array, NDArray[np.int32]]:
     """Tick by tick: what the encoders said (T, 2n), the states, the torques sent, what a current sensor reads of them
-    (T, n), the statuses."""
+    (T, n), the statuses. What the world adds stands in ``push`` and ``felt`` afterwards."""
     n, count, period = arm.n, len(rows), controller.guard.period
     steps = max(1, int(np.ceil(period / arm.step_size - 1e-9)))
     x, u, h = arm.rest(q0), np.zeros(arm.nu), np.array([period / steps])
@@ -209,6 +215,10 @@ def _loop(
         raw = np.concatenate([outputs["motor_position"], outputs["joint_position"]])
         seen[k] = np.where(scheme.resolution > 0, np.round(raw / step) * step, raw)
         state[k] = x
+        if world is not None:
+            touch = world(outputs["tip"], outputs["tip_velocity"])
+            push[k] += touch
+            felt[k] += touch
         late = max(0, k - scheme.delay)
         controller.motor_position[:], controller.joint_position[:] = seen[late, :n], seen[late, n:]
         controller.motor_velocity[:] = (seen[late, :n] - seen[max(0, late - 1), :n]) / period
@@ -226,11 +236,14 @@ def _loop(
     return seen, state, torque, shown, status
 
 
-def ideal(arm: Arm, controller: Controller, push: Array, period: float) -> Array:
-    """How far M ẍ + B ẋ + K x = F moves the tip (T, 2, m) under ``push`` (T, 2, N): what a Cartesian law is to do."""
+def ideal(
+    arm: Arm, controller: Controller, push: Array, period: float, gains: Mapping[str, float] | None = None
+) -> Array:
+    """How far M ẍ + B ẋ + K x = F moves the tip (T, 2, m) under ``push`` (T, 2, N): what a Cartesian law is to do.
+    ``gains``: another admittance than the controller's."""
     from scipy.linalg import expm
 
-    names = controller.gains
+    names = controller.gains if gains is None else gains
     if "mass_x" not in names:
         raise PlantError(f"{controller.law} has no Cartesian mass, damping and stiffness.")
     moved = np.zeros_like(push)

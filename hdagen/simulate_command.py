@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ EXAMPLE = """example:
   hdagen simulate paper --controller admittance_cartesian --push 3 4 15 0 --push 6 7 0 15 --gain stiffness_x=800 --out
   circle.parquet"""
 
-LAWS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint")
+LAWS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint", "mpc")
 
 
 def add_parser(commands: Any) -> None:
@@ -31,6 +32,7 @@ def add_parser(commands: Any) -> None:
     )
     p.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     p.add_argument("--controller", choices=LAWS, default="impedance_cartesian")
+    p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc; see docs/mpc.md")
     p.add_argument(
         "--gain",
         action="append",
@@ -78,17 +80,16 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.control import Controller, Guard, Safe
     from hdagen.log import write
     from hdagen.plant import load
-    from hdagen.reference import circle
     from hdagen.simulate import Push, Sensors
     from hdagen.simulate import run as simulate
 
+    if options.controller == "mpc":
+        return _predictive(options)
     arm = load(options.robot, profile=options.profile)
     damping = tuple(20 * j["drive"]["motor_inertia"]["nominal"] for j in arm.robot["joints"])  # motors stop in 1/20 s
     guard = Guard(Safe[options.safe.upper()], safe_damping=damping)
     controller = Controller(arm, options.controller, guard, _gains(options.gain))
-    reach = sum(joint["length"]["nominal"] for joint in arm.robot["joints"])
-    center = tuple(options.center) if options.center else (2 * reach / 3, 0.0)
-    path = circle(options.radius, center, options.turn, options.seconds, controller.guard.period)
+    path = _path(options, arm, controller.guard.period)
     pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("simulating", total=len(path.position))
@@ -105,6 +106,45 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(f"{options.out}: {figures['rows']} rows of {arm.robot['name']} under {options.controller}")
         _print(figures)
+    return 0
+
+
+def _path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
+    from hdagen.reference import circle
+
+    reach = sum(joint["length"]["nominal"] for joint in arm.robot["joints"])
+    center = tuple(options.center) if options.center else (2 * reach / 3, 0.0)
+    return circle(options.radius, center, options.turn, options.seconds, period)
+
+
+def _predictive(options: argparse.Namespace) -> int:
+    """The same with the predictive controller, whose record goes beside the log."""
+    from hdagen.mpc.configuration import Configuration, read
+    from hdagen.mpc.record import beside
+    from hdagen.mpc.simulated import lines, simulated
+    from hdagen.plant import PlantError, load
+    from hdagen.reference import to_joints
+    from hdagen.simulate import Push, Sensors
+
+    c = read(options.config) if options.config else Configuration()
+    if options.gain:
+        raise PlantError("--gain is of the other controllers; the predictive one takes --config controller.toml.")
+    arm = load(options.robot, profile=options.profile, mpc=c)
+    path = _path(options, arm, float(c["mpc.period"]))
+    if c["mpc.space"] == "joint":
+        path = to_joints(arm, path, [0.6] * arm.n)
+    pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
+    found, result = simulated(arm, c, path, pushes, Sensors(delay=options.delay), options.seed, options.out)
+    if options.json:
+        print(
+            json.dumps(
+                {"log": str(options.out), "record": str(beside(options.out)), **(asdict(result) if result else {})},
+                indent=1,
+            )
+        )
+    else:
+        print(f"{options.out} and {beside(options.out)}: {len(found.times)} rows of {arm.robot['name']} under mpc")
+        print("\n".join(lines(found, result)))
     return 0
 
 

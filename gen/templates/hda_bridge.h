@@ -10,23 +10,26 @@ enum {
     HDA_FAULT_REAL = 1 + 2 * HDA_N + (int)HDA_MEASURED + HDA_REFERENCE_MAX /* now, raw, sent, measurement, reference */
 };
 
+/* A guard's configuration from arrays. */
+static void bridge_config(const int *whole, const double *real, hda_guard_config *config) {
+    double *const joints[] = {config->torque_limit, config->torque_rate, config->motor_jump, config->joint_jump, config->safe_damping, config->safe_stiffness};
+    config->version = HDA_GUARD_VERSION;
+    config->size = sizeof *config;
+    config->joints = HDA_N;
+    config->safe = whole[0];
+    config->stale_stamp_ticks = whole[1];
+    config->stale_bits_ticks = whole[2];
+    config->period = real[0];
+    config->period_min = real[1];
+    config->period_max = real[2];
+    config->watchdog = real[3];
+    config->force_limit = real[4];
+    for (int i = 0; i < 6; i++) memcpy(joints[i], real + 5 + i * HDA_N, sizeof config->torque_limit);
+}
+
 static void bridge_configure(void *const *a) {
-    const int *whole = a[4];
-    const double *real = a[5];
     hda_guard_config config = {0};
-    double *const joints[] = {config.torque_limit, config.torque_rate, config.motor_jump, config.joint_jump, config.safe_damping, config.safe_stiffness};
-    config.version = HDA_GUARD_VERSION;
-    config.size = sizeof config;
-    config.joints = HDA_N;
-    config.safe = whole[0];
-    config.stale_stamp_ticks = whole[1];
-    config.stale_bits_ticks = whole[2];
-    config.period = real[0];
-    config.period_min = real[1];
-    config.period_max = real[2];
-    config.watchdog = real[3];
-    config.force_limit = real[4];
-    for (int i = 0; i < 6; i++) memcpy(joints[i], real + 5 + i * HDA_N, sizeof config.torque_limit);
+    bridge_config(a[4], a[5], &config);
     *(int *)a[6] = hda_controller_configure(a[0], *(int *)a[1], a[2], a[3], &config);
 }
 
@@ -38,11 +41,9 @@ static void bridge_watchdog(void *const *a) { *(int *)a[3] = hda_guard_watchdog(
 
 static void bridge_recover(void *const *a) { *(int *)a[3] = hda_controller_recover(a[0], *(double *)a[1], (const hda_measurement *)a[2]); }
 
-static void bridge_read(void *const *a) {
+static void bridge_fault(hda_guard *guard, int *whole, double *real) {
     hda_fault fault = {0};
-    int *whole = a[1];
-    double *real = a[2];
-    whole[0] = hda_guard_read(&((hda_controller *)a[0])->guard, &fault);
+    whole[0] = hda_guard_read(guard, &fault);
     whole[1] = fault.index;
     whole[2] = fault.further;
     whole[3] = fault.reference_count;
@@ -52,6 +53,8 @@ static void bridge_read(void *const *a) {
     memcpy(real + 1 + 2 * HDA_N, &fault.measurement, sizeof fault.measurement);
     memcpy(real + 1 + 2 * HDA_N + HDA_MEASURED, fault.reference, sizeof fault.reference);
 }
+
+static void bridge_read(void *const *a) { bridge_fault(&((hda_controller *)a[0])->guard, a[1], a[2]); }
 
 static void bridge_input_reset(void *const *a) { hda_input_reset(a[0], a[1], a[2]); }
 

@@ -1,0 +1,219 @@
+"""OSQP's generated code for the sparse form of the problem, and the tables that fill its matrices.
+
+Variables node by node: T (n), x of the next node (nx), slacks (one a soft row). Rows node by node: dynamics; T; T
+less the
+torque before; soft rows less their slack (high); those with a low bound plus their slack; slacks. OSQP prints its code
+into a folder (``codegen``, never compiled by it); its files come out flat, under names that begin with `hda_osqp`.
+Source: Stellato, Banjac, Goulart, Bemporad, Boyd, Math. Prog. Comp. 12 (2020) 637; OSQP 1.x, Apache License 2.0.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gen.mpc.stage import Stage
+
+PREFIX = "hda_osqp_"
+UNUSED = {"emosqp.c", "Makefile"}
+Entries = dict[
+    tuple[int, int], tuple[tuple[int, float], ...]
+]  # (row, column) -> (offset in the problem or -1 for 1, sign)…
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the arrays of `hda_mpc_qp` begin, in doubles, and the sizes that they are made of."""
+
+    n: int
+    nx: int
+    nodes: int
+    simple: tuple[int, ...]
+    general: int
+    lower: tuple[bool, ...]  # which soft rows have a low bound
+
+    @property
+    def soft(self) -> int:
+        """Soft rows of a node."""
+        return len(self.simple) + self.general
+
+    @property
+    def rows(self) -> int:
+        """Rows of a node in the problem."""
+        return 2 * self.n + self.soft
+
+    @property
+    def starts(self) -> dict[str, int]:
+        """Offsets of the arrays."""
+        n, nx, k, rows = self.n, self.nx, self.nodes, self.rows
+        sizes = {
+            "first": nx, "A": k * nx * nx, "B": k * nx * n, "b": k * nx, "H": k * nx * nx, "h": k * nx,
+            "R": k * n, "r": k * n, "D": k * n, "d": k * n, "G": k * self.general * nx,
+            "low": k * rows, "high": k * rows, "linear": k * rows, "square": k * rows,
+        }  # fmt: skip
+        ends = np.cumsum([0, *sizes.values()])
+        return dict(zip(sizes, map(int, ends[:-1]), strict=True))
+
+    @property
+    def width(self) -> int:
+        """Variables of a node."""
+        return self.n + self.nx + self.soft
+
+    @property
+    def height(self) -> int:
+        """Constraints of a node."""
+        return self.nx + 2 * self.n + self.soft + sum(self.lower) + self.soft
+
+
+def layout(made: Stage, simple: list[int]) -> Layout:
+    """The layout of a stage's problem."""
+    flexible = len(made.model.flexible)
+    lower = (True,) * (len(simple) + flexible) + (False,) * (made.ng - flexible)
+    return Layout(made.model.n, made.nx, made.structure.nodes, tuple(simple), made.ng, lower)
+
+
+def cost(at: Layout) -> Entries:
+    """Upper triangle of P."""
+    n, nx, start, out = at.n, at.nx, at.starts, Entries()
+    for k in range(at.nodes):
+        base = k * at.width
+        for j in range(n):
+            parts = [(start["R"] + k * n + j, 1.0), (start["D"] + k * n + j, 1.0)]
+            if k + 1 < at.nodes:
+                parts.append((start["D"] + (k + 1) * n + j, 1.0))
+            out[base + j, base + j] = tuple(parts)
+            if k:
+                out[base - at.width + j, base + j] = ((start["D"] + k * n + j, -1.0),)
+        for j in range(nx):
+            for i in range(j + 1):
+                out[base + n + i, base + n + j] = ((start["H"] + (k * nx + j) * nx + i, 1.0),)
+        for i in range(at.soft):
+            place = base + n + nx + i
+            out[place, place] = ((start["square"] + k * at.rows + 2 * n + i, 1.0),)
+    return out
+
+
+def constraints(at: Layout) -> Entries:
+    """A."""
+    n, nx, start, out = at.n, at.nx, at.starts, Entries()
+    one = ((-1, 1.0),)
+    for k in range(at.nodes):
+        row, base = k * at.height, k * at.width
+        for i in range(nx):
+            out[row + i, base + n + i] = one
+            for j in range(nx if k else 0):
+                out[row + i, base - at.width + n + j] = ((start["A"] + (k * nx + j) * nx + i, -1.0),)
+            for j in range(n):
+                out[row + i, base + j] = ((start["B"] + (k * n + j) * nx + i, -1.0),)
+        row += nx
+        for j in range(n):
+            out[row + j, base + j] = out[row + n + j, base + j] = one
+            if k:
+                out[row + n + j, base - at.width + j] = ((-1, -1.0),)
+        row += 2 * n
+        for sign, chosen in ((-1.0, range(at.soft)), (1.0, [i for i in range(at.soft) if at.lower[i]])):
+            for i in chosen:
+                for column, entry in _row(at, k, i):
+                    out[row, base + n + column] = (entry,)
+                out[row, base + n + nx + i] = ((-1, sign),)
+                row += 1
+        for i in range(at.soft):
+            out[row + i, base + n + nx + i] = one
+    return out
+
+
+def _row(at: Layout, k: int, i: int) -> Iterator[tuple[int, tuple[int, float]]]:
+    """Columns among the states, and entries, of soft row i."""
+    if i < len(at.simple):
+        yield at.simple[i], (-1, 1.0)
+        return
+    begin = at.starts["G"] + (k * at.general + i - len(at.simple)) * at.nx
+    for column in range(at.nx):
+        yield column, (begin + column, 1.0)
+
+
+def osqp_files(made: Stage, simple: list[int]) -> dict[str, str]:
+    """File name -> text: OSQP's own, and hda_mpc_osqp_tables.h."""
+    import osqp
+    from scipy import sparse
+
+    at = layout(made, simple)
+    P, A = cost(at), constraints(at)
+    shape = (at.nodes * at.height, at.nodes * at.width)
+
+    def matrix(entries: Entries, rows: int, value: Any) -> Any:
+        keys = sorted(entries, key=lambda key: (key[1], key[0]))
+        ij = np.array(keys).T
+        return keys, sparse.csc_matrix(
+            (np.array([value(entries[key], *key) for key in keys]), (ij[0], ij[1])), (rows, shape[1])
+        )
+
+    p_keys, p = matrix(P, shape[1], lambda _, i, j: 2.0 if i == j else 0.01)
+    a_keys, a = matrix(A, shape[0], lambda parts, _, __: parts[0][1] if parts[0][0] < 0 else 0.5 * parts[0][1])
+    out: dict[str, str] = {}
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        with _silent():
+            solver = osqp.OSQP()
+            solver.setup(p, np.zeros(shape[1]), a, -np.ones(shape[0]), np.ones(shape[0]), verbose=False,
+            polishing=False,
+                         check_dualgap=False, adaptive_rho=True, warm_starting=True)  # fmt: skip
+            solver.codegen(
+                folder, parameters="matrices", prefix=PREFIX, compile=False, extension_name=None, force_rewrite=True
+            )
+        for path in sorted(Path(folder).rglob("*.[ch]")):
+            if path.name not in UNUSED:
+                out[_flat(path.name)] = _text(path.read_text(encoding="utf-8"))
+    out["hda_mpc_osqp_tables.h"] = _tables(at, [P[key] for key in p_keys], [A[key] for key in a_keys])
+    return out
+
+
+def _flat(name: str) -> str:
+    return name if name.startswith(PREFIX) else f"{PREFIX}{name}"
+
+
+def _text(text: str) -> str:
+    """Includes of its own headers by their flat names; no dates."""
+    return re.sub(r'#\s*include\s+"([\w./]+)"', lambda m: f'#include "{_flat(m[1].rsplit("/", 1)[-1])}"', text)
+
+
+def _tables(at: Layout, p: list[Any], a: list[Any]) -> str:
+    from gen.headers import guarded
+
+    def wide(parts: Any) -> str:
+        offsets = [offset for offset, _ in parts] + [-2] * (3 - len(parts))
+        return "{" + ", ".join(map(str, offsets)) + "}"
+
+    lines = [
+        f"enum {{ P_ENTRIES = {len(p)}, A_ENTRIES = {len(a)}, WIDTH = {at.width}, HEIGHT = {at.height} }};",
+        "/* offsets in the problem that add up (-2: none), and their sign */",
+        f"static const int p_from[][3] = {{{', '.join(wide(parts) for parts in p)}}};",
+        f"static const signed char p_sign[] = {{{', '.join(str(int(parts[0][1])) for parts in p)}}};",
+        "/* offset in the problem (-1: the number 1), and its sign */",
+        f"static const int a_from[] = {{{', '.join(str(parts[0][0]) for parts in a)}}};",
+        f"static const signed char a_sign[] = {{{', '.join(str(int(parts[0][1])) for parts in a)}}};",
+        "/* which soft rows have a low bound */",
+        f"static const int has_low[] = {{{', '.join(str(int(low)) for low in at.lower)}}};",
+    ]
+    return guarded("HDA_MPC_OSQP_TABLES_H", "How the problem fills OSQP's matrices.", "\n".join(lines) + "\n")
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """OSQP's banner is printed in C: the process's output goes nowhere meanwhile."""
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)

@@ -1,0 +1,62 @@
+"""What of an MPC is fixed when it is compiled: number of nodes, number of walls, space of the target."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+SPACES = ("tip", "joint")
+MOST_NODES, MOST_WALLS = 400, 8
+MEMORY = 64 << 20  # bytes that a controller may take
+
+
+class StructureError(ValueError):
+    """A structure that cannot be built; one sentence."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """``nodes`` of the horizon, ``walls`` as half-planes for the tip, ``space`` of the target."""
+
+    nodes: int = 20
+    walls: int = 2
+    space: str = "tip"
+
+    @property
+    def text(self) -> str:
+        """As `parse` reads it."""
+        return f"nodes={self.nodes},walls={self.walls},space={self.space}"
+
+
+def parse(text: str) -> Structure | None:
+    """The structure of ``nodes=20,walls=2,space=tip``; None where the text is empty. Raises StructureError."""
+    if not text.strip():
+        return None
+    found: dict[str, str] = {}
+    for part in text.split(","):
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if key not in ("nodes", "walls", "space") or key in found:
+            raise StructureError(f"--mpc: found {json.dumps(part[:40])}, possible is nodes=20,walls=2,space=tip.")
+        found[key] = value
+    space = found.get("space", "tip")
+    if space not in SPACES:
+        raise StructureError(f"--mpc: space is {json.dumps(space[:40])}, possible is {' or '.join(SPACES)}.")
+    return Structure(_whole(found, "nodes", 20, 2, MOST_NODES), _whole(found, "walls", 2, 0, MOST_WALLS), space)
+
+
+def _whole(found: dict[str, str], key: str, default: int, low: int, high: int) -> int:
+    text = found.get(key, str(default))
+    if not text.isascii() or not text.isdigit() or len(text) > 6 or not low <= int(text) <= high:
+        raise StructureError(f"--mpc: {key} is {json.dumps(text[:40])}, possible is a whole number {low} to {high}.")
+    return int(text)
+
+
+def fitting(structure: Structure, n: int, nx: int) -> None:
+    """Refuses a horizon that memory does not allow; n joints, nx states. Raises StructureError."""
+    rows = 4 * n + n + 1 + structure.walls
+    stage = 8 * (nx * (6 * nx + 8 * n + rows) + 4 * n * n + 40 * rows)
+    if stage * structure.nodes > MEMORY:
+        raise StructureError(
+            f"--mpc: {structure.nodes} nodes of {nx} states take {stage * structure.nodes >> 20} MiB, possible is "
+            f"{MEMORY >> 20} MiB; take fewer nodes."
+        )

@@ -1,0 +1,187 @@
+/* The tick: guard, estimator, target, solver, guard; the part that needs no measurement goes before it. No allocation, no lock, no unbounded loop. */
+#include "hda_mpc.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, AXES = HDA_MPC_AXES };
+
+static const int state_index[] = HDA_MPC_INDEX, memory_index[] = HDA_MPC_MEMORY, places[] = HDA_MPC_PLACES, speeds[] = HDA_MPC_SPEEDS, links[] = HDA_MPC_LINKS;
+static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
+
+#define FAR 1e4 /* of a trajectory, in the solver's units: beyond it the plan is given up */
+
+static void scaled(const double *x, double *z) {
+    for (int i = 0; i < NX; i++) z[i] = x[state_index[i]] / scale[i];
+}
+
+/* A plan that stays where the arm is. */
+static void stay(hda_mpc *k) {
+    for (int node = 0; node <= N; node++) {
+        scaled(k->report.x, k->x + node * NX);
+        for (int i = NX / 2; i < NX && node; i++) k->x[node * NX + i] = 0.0;
+    }
+    for (int e = 0; e < N * NU; e++) k->T[e] = k->guard.sent[e % NU] / full[e % NU];
+    memset(k->solution.dual, 0, sizeof k->solution.dual);
+}
+
+/* The torque that holds the arm against gravity, tip force and disturbance. */
+static void rest(hda_mpc *k) {
+    double q[NU], g[NU], J[2 * NU], velocity[2], turn[2], still[NU] = {0};
+    for (int j = 0; j < NU; j++) q[j] = k->report.x[links[j]];
+    hda_gravity_torque(q, k->c, g);
+    hda_tip_jacobian(q, still, k->c, J, velocity, turn);
+    for (int j = 0; j < NU; j++) {
+        const double outside = J[2 * j] * k->report.tip_force[0] + J[2 * j + 1] * k->report.tip_force[1];
+        const double held = (g[j] - outside) / k->estimator.ratio[j] - k->estimator.s[HDA_NX + j];
+        const double most = k->guard.config.torque_limit[j];
+        k->hold[j] = held > most ? most : held < -most ? -most : held;
+    }
+}
+
+static void start(hda_mpc *k, const hda_measurement *m, const double *path) {
+    double points[2 * (NU + 1)];
+    hda_mpc_estimate_start(&k->estimator, m, k->c, &k->settings.noise);
+    memcpy(k->report.x, k->estimator.s, sizeof k->report.x);
+    memcpy(k->report.tip_force, m->tip_force, sizeof k->report.tip_force);
+    hda_points(m->joint_position, k->c, points);
+    for (int a = 0; a < AXES; a++) { /* as far as the arm is from its path, so that starting asks for no jump */
+        k->yielded[a] = (HDA_MPC_JOINT_SPACE ? m->joint_position[a] : points[2 * NU + a]) - path[a];
+        k->yielded[AXES + a] = -path[AXES + a];
+    }
+    for (int j = 0; j < NU; j++) k->anchor[j] = k->estimator.s[places[j]];
+    for (int d = 0; d <= HDA_MPC_LATEST; d++) memcpy(k->sent[d], k->guard.sent, sizeof k->sent[d]);
+    stay(k);
+    k->started = 1;
+    k->prepared = k->failures = k->rung = 0;
+}
+
+/* The estimate at the time of the measurement, then at the tick. */
+static void see(hda_mpc *k, const hda_measurement *m) {
+    const int delay = (int)k->settings.delay;
+    const double period = k->guard.config.period, *s = k->estimator.s;
+    hda_mpc_estimate(&k->estimator, m, k->sent[delay], k->c, &k->settings.noise, period, k->settings.by_sensor > 0.0);
+    memcpy(k->report.x, s, sizeof k->report.x);
+    memcpy(k->report.tip_force, k->settings.by_sensor > 0.0 ? m->tip_force : s + HDA_NX + NU, sizeof k->report.tip_force);
+    for (int d = delay - 1; d >= 0; d--) hda_mpc_foresee(k->c, k->sent[d], s + HDA_NX, k->report.tip_force, period, k->report.x);
+}
+
+static void linearise(hda_mpc *k) {
+    int near = 1;
+    for (int e = 0; e < (N + 1) * NX; e++) near &= k->x[e] < FAR && k->x[e] > -FAR;
+    if (!near) stay(k);
+    rest(k);
+    memcpy(k->shared + HDA_MPC_AT_DISTURBANCE, k->estimator.s + HDA_NX, NU * sizeof(double));
+    for (int i = 0; i < HDA_MPC_MEMORIES; i++) k->shared[HDA_MPC_AT_HELD + i] = k->report.x[memory_index[i]];
+    hda_mpc_linearise(k);
+    hda_mpc_bound(k);
+    hda_mpc_anticipate(&k->qp, &k->solution, &k->work);
+    k->prepared = 1;
+}
+
+void hda_mpc_prepare(hda_mpc *k) {
+    double x[HDA_NX];
+    if (!k || !k->configured || !k->started || k->prepared || k->guard.latched) return;
+    memcpy(x, k->report.x, sizeof x);
+    hda_mpc_foresee(k->c, k->guard.sent, k->estimator.s + HDA_NX, k->report.tip_force, k->guard.config.period, x);
+    hda_mpc_shift(k);
+    scaled(x, k->x);
+    linearise(k);
+}
+
+/* Solves; what was done of it, as a status of hda_mpc_qp.h. */
+static int solve(hda_mpc *k, int *second) {
+    const hda_mpc_settings *s = &k->settings;
+    const int backend = (int)s->backend;
+    int status = backend == HDA_MPC_BY_OSQP       ? hda_mpc_osqp(&k->qp, &k->solution, s->tolerance, (int)s->iterations)
+                 : backend == HDA_MPC_BY_INTERIOR ? hda_mpc_interior(&k->qp, &k->solution, &k->work)
+                                                  : hda_mpc_riccati(&k->qp, &k->solution, &k->work);
+    *second = status < 0 && backend != HDA_MPC_BY_OSQP;
+    if (*second) status = hda_mpc_osqp(&k->qp, &k->solution, s->tolerance, (int)s->iterations);
+    k->report.solved = status;
+    return status;
+}
+
+/* Impedance with damping about the place where it began, at the motors. */
+static void impede(hda_mpc *k, double *raw) {
+    const double *s = k->estimator.s, *stiffness = k->settings.hold_stiffness, *damping = k->settings.hold_damping;
+    for (int j = 0; j < NU; j++) raw[j] = k->hold[j] + stiffness[j] * (k->anchor[j] - s[places[j]]) - damping[j] * s[speeds[j]];
+}
+
+/* The torque of this tick by the ladder; its status. */
+static int step(hda_mpc *k, double *raw) {
+    int second;
+    const int solved = solve(k, &second);
+    if (solved >= 0) {
+        for (int e = 0; e < N * NU; e++) k->T[e] += k->solution.T[e];
+        for (int e = 0; e < NX; e++) k->x[e] += k->qp.first[e];
+        for (int e = 0; e < N * NX; e++) k->x[NX + e] += k->solution.x[e];
+        for (int j = 0; j < NU; j++) k->anchor[j] = k->estimator.s[places[j]];
+        k->failures = 0;
+        k->rung = HDA_MPC_ON_PLAN;
+    } else {
+        k->failures++;
+        k->rung = k->failures <= HDA_MPC_SHIFTS ? HDA_MPC_ON_SHIFTED : k->failures < HDA_MPC_FAILURES ? HDA_MPC_ON_IMPEDANCE : HDA_MPC_ON_RAMP;
+        memset(k->solution.dual, 0, sizeof k->solution.dual);
+    }
+    for (int j = 0; j < NU; j++) raw[j] = k->rung == HDA_MPC_ON_RAMP ? NAN : full[j] * k->T[j]; /* the guard latches what is not a number */
+    if (k->rung == HDA_MPC_ON_IMPEDANCE) impede(k, raw);
+    return k->rung == HDA_MPC_ON_RAMP        ? HDA_MPC_FAILED
+           : k->rung == HDA_MPC_ON_IMPEDANCE ? HDA_MPC_IMPEDANCE
+           : k->rung == HDA_MPC_ON_SHIFTED   ? HDA_MPC_SHIFTED
+           : solved == HDA_MPC_CAPPED        ? HDA_MPC_ROUGH
+           : second                          ? HDA_MPC_SECOND
+                                             : 0;
+}
+
+static int follow(hda_mpc *k, const hda_measurement *m, const double *path, double *raw) {
+    double now[NX];
+    if (k->started) {
+        hda_mpc_prepare(k);
+        hda_mpc_yield(k, k->report.tip_force);
+        see(k, m);
+    } else {
+        start(k, m, path);
+        linearise(k);
+    }
+    scaled(k->report.x, now);
+    for (int i = 0; i < NX; i++) k->qp.first[i] = now[i] - k->x[i];
+    hda_mpc_aim(k, path, k->report.tip_force);
+    return step(k, raw);
+}
+
+int hda_mpc_tick(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *torque) {
+    double raw[NU] = {0}, map[2 * NU] = {0};
+    int followed = 0;
+    if (!k || !k->configured) return hda_guard_end(k ? &k->guard : NULL, raw, map, torque);
+    const int opened = hda_guard_begin(&k->guard, now, m, path, HDA_MPC_PATH);
+    if (opened >= 0) {
+        followed = follow(k, m, path, raw);
+        hda_force_map(m->joint_position, k->c, map);
+    }
+    const int status = hda_guard_end(&k->guard, raw, map, torque);
+    memmove(k->sent[1], k->sent[0], HDA_MPC_LATEST * sizeof k->sent[0]);
+    memcpy(k->sent[0], k->guard.sent, sizeof k->sent[0]);
+    k->prepared = 0;
+    if (k->guard.latched) k->rung = HDA_MPC_ON_RAMP;
+    if (opened >= 0) hda_mpc_feel(k);
+    k->report.rung = k->rung;
+    return followed < 0 || (status >= 0 && followed > 0) ? followed : status;
+}
+
+int hda_mpc_recover(hda_mpc *k, double now, const hda_measurement *m) {
+    if (!k) return HDA_MPC_CALL;
+    const int status = hda_guard_recover(&k->guard, now, m);
+    if (!status) k->started = k->failures = k->rung = 0;
+    return status;
+}
+
+const char *hda_mpc_sentence(int status) {
+#define HDA_STATUS_CASE(name, code, sentence) \
+    case code: return sentence;
+    switch (status) {
+        HDA_MPC_LIST(HDA_STATUS_CASE)
+        default: return hda_status_sentence(status);
+    }
+#undef HDA_STATUS_CASE
+}

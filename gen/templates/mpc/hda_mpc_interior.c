@@ -1,0 +1,243 @@
+/* The interior point: Mehrotra's predictor and corrector on all rows, soft ones with their slack eliminated.
+ *
+ * Legend, for one side of a row with value r (low: all signs turned): r - slack s + t = bound, t with multiplier l, s with multiplier
+ * v = linear + square s - l; every one positive. W = 1/(t/l + D), D = s/(v + square s) (0 where hard), is what the row weighs in Riccati's
+ * recursion. over, open: residuals of the row and of v; give: W/l; product: l t less its target.
+ * Sources: Mehrotra, SIAM J. Optim. 2 (1992) 575; Rao, Wright, Rawlings (1998). */
+#include "hda_mpc_solver.h"
+
+#include <string.h>
+
+enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL, BLOCKS = HDA_MPC_BLOCKS };
+
+#define CLOSE 1e-9
+#define START 0.05     /* the least distance from a bound to begin with, per half of the range or 1 */
+#define GAP 0.1        /* product of every pair to begin with */
+#define START_AGAIN 0.01 /* the same from an earlier solution */
+#define GAP_AGAIN 0.01
+#define STALLED 1e-9   /* gap below which no progress is an end */
+#define BOUNDARY 0.995
+
+typedef double W __attribute__((vector_size(64)));
+typedef long long B __attribute__((vector_size(64)));
+
+#define PICK(mask, a, b) ((W)(((mask) & (B)(a)) | (~(mask) & (B)(b))))
+#define LARGER(a, b) PICK((a) > (b), a, b)
+
+static const W zero = {0};
+
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
+static inline double most_of(const W *a) {
+    double most = (*a)[0];
+    for (int lane = 1; lane < 8; lane++) most = larger(most, (*a)[lane]);
+    return most;
+}
+
+/* One side of one row. */
+static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, double nearest, double gap) {
+    hda_mpc_side *z = &w->side[low];
+    const int b = e / 8, i = e % 8, soft = w->soft[b][i] > 0.0;
+    const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->now.rows[e] : w->now.rows[e], other = low ? qp->high[e] : -qp->low[e];
+    if (!(bound < HDA_MPC_FREE)) return;
+    const double range = other < HDA_MPC_FREE && bound + other < 2.0 ? 0.5 * (bound + other) : 1.0, least = nearest * range + 1e-9;
+    z->there[b][i] = 1.0;
+    z->bound[b][i] = bound;
+    const double s = soft ? larger(r - bound, least) : 0.0, t = larger(bound - r + s, least), v = w->linear[b][i] + w->square[b][i] * s;
+    const double y = low ? -w->now.y[e] : w->now.y[e];
+    double l = larger(gap / t, y);
+    if (soft && l > v - gap) l = v > 2.0 * gap ? v - gap : 0.5 * v;
+    z->t[b][i] = t;
+    z->l[b][i] = l;
+    z->s[b][i] = s;
+    if (soft) z->v[b][i] = v - l;
+}
+
+/* Where the iterations begin: the rows' values are in w->now. */
+static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double nearest, double gap) {
+    memset(w->linear, 0, sizeof w->linear);
+    memset(w->square, 0, sizeof w->square);
+    memset(w->soft, 0, sizeof w->soft);
+    memset(w->side, 0, sizeof w->side);
+    for (int low = 0; low < 2; low++)
+        for (int b = 0; b < BLOCKS; b++) w->side[low].t[b] = w->side[low].v[b] = 1.0 - zero;
+    for (int e = 0; e < ALL; e++) {
+        if (!(qp->linear[e] < HDA_MPC_FREE)) continue;
+        w->soft[e / 8][e % 8] = 1.0;
+        w->linear[e / 8][e % 8] = qp->linear[e] + qp->square[e] > 0.0 ? qp->linear[e] : 1e-12; /* costs nothing: room for its multiplier */
+        w->square[e / 8][e % 8] = qp->square[e];
+    }
+    w->pairs = 0.0;
+    for (int e = 0; e < ALL; e++)
+        for (int low = 0; low < 2; low++) {
+            begin_side(qp, w, e, low, nearest, gap);
+            w->pairs += w->side[low].there[e / 8][e % 8] * (1.0 + w->soft[e / 8][e % 8]);
+        }
+    if (w->pairs == 0.0) w->pairs = 1.0;
+}
+
+/* Residuals, weights, and reciprocals of the products; the largest residual, and the mean of the products in gap. */
+static double measure(hda_mpc_work *w, double *gap) {
+    W worst = zero, sum = zero;
+    double all = 0.0;
+    hda_mpc_wide *weight = (hda_mpc_wide *)w->weight;
+    for (int low = 0; low < 2; low++) {
+        hda_mpc_side *z = &w->side[low];
+        const double side = low ? -1.0 : 1.0;
+        for (int b = 0; b < BLOCKS; b++) {
+            const W ease = w->soft[b] / (z->v[b] + w->square[b] * z->s[b]);
+            const W over = z->there[b] * (z->t[b] - z->bound[b] + side * *(hda_mpc_wide *)(w->now.rows + 8 * b) - z->s[b]);
+            const W open = z->there[b] * w->soft[b] * (z->v[b] - w->linear[b] - w->square[b] * z->s[b] + z->l[b]);
+            const W give = 1.0 / (z->t[b] + z->l[b] * z->s[b] * ease);
+            const W a = LARGER(over, -over), c = LARGER(open, -open), d = LARGER(a, c);
+            z->over[b] = over;
+            z->open[b] = open;
+            z->give[b] = give;
+            z->ease[b] = ease;
+            const W pair = z->t[b] * z->l[b], soft_pair = z->s[b] * z->v[b], soft = w->soft[b] * z->there[b];
+            z->pair[b] = 1.0 / (pair + (1.0 - z->there[b]));
+            z->soft_pair[b] = 1.0 / (soft_pair + (1.0 - soft));
+            sum += z->there[b] * pair + soft * soft_pair;
+            if (low) weight[b] += z->l[b] * give;
+            else weight[b] = z->l[b] * give;
+            worst = LARGER(worst, d);
+        }
+    }
+    for (int lane = 0; lane < 8; lane++) all += sum[lane];
+    *gap = all / w->pairs;
+    return most_of(&worst);
+}
+
+/* Slopes of the rows for the products' residuals: towards `target`, with the second order of the last step where `second` is 1. */
+static void lean(hda_mpc_work *w, double target, double second) {
+    hda_mpc_wide *slope = (hda_mpc_wide *)w->slope;
+    for (int low = 0; low < 2; low++) {
+        hda_mpc_side *z = &w->side[low];
+        const double side = low ? -1.0 : 1.0;
+        for (int b = 0; b < BLOCKS; b++) {
+            const W product = z->there[b] * (z->l[b] * z->t[b] + second * z->dl[b] * z->dt[b] - target);
+            const W soft_product = z->there[b] * w->soft[b] * (z->s[b] * z->v[b] + second * z->ds[b] * z->dv[b] - target);
+            const W shift = z->ease[b] * (z->s[b] * z->open[b] - soft_product);
+            const W push = z->l[b] + z->give[b] * (z->l[b] * (z->over[b] - shift - side * *(hda_mpc_wide *)(w->now.rows + 8 * b)) - product);
+            z->product[b] = product;
+            z->soft_product[b] = soft_product;
+            if (low) slope[b] -= push;
+            else slope[b] = push;
+        }
+    }
+}
+
+/* The Newton step that belongs to the new values of the rows; the longest share of it that keeps everything positive. */
+static double stride(hda_mpc_work *w) {
+    W most = 1e-300 - zero; /* of -change / value */
+    for (int low = 0; low < 2; low++) {
+        hda_mpc_side *z = &w->side[low];
+        const double side = low ? -1.0 : 1.0;
+        for (int b = 0; b < BLOCKS; b++) {
+            const W shift = z->ease[b] * (z->s[b] * z->open[b] - z->soft_product[b]);
+            const W dr = side * (*(hda_mpc_wide *)(w->next.rows + 8 * b) - *(hda_mpc_wide *)(w->now.rows + 8 * b));
+            const W dl = z->give[b] * (z->l[b] * (dr - shift + z->over[b]) - z->product[b]);
+            const W ds = z->there[b] * (z->s[b] * z->ease[b] * dl + shift);
+            const W dt = z->there[b] * (ds - dr - z->over[b]), dv = z->there[b] * w->soft[b] * (w->square[b] * ds - dl - z->open[b]);
+            const W pair = z->pair[b], soft_pair = z->soft_pair[b];
+            const W a = -dt * z->l[b] * pair, c = -dl * z->t[b] * pair, e = -ds * z->v[b] * soft_pair, g = -dv * z->s[b] * soft_pair;
+            const W first = LARGER(a, c), last = LARGER(e, g), both = LARGER(first, last);
+            z->dl[b] = dl;
+            z->ds[b] = ds;
+            z->dt[b] = dt;
+            z->dv[b] = dv;
+            most = LARGER(most, both);
+        }
+    }
+    const double longest = most_of(&most);
+    return longest > 1.0 ? 1.0 / longest : 1.0;
+}
+
+/* Mean of the products after a share of the step. */
+static double mean(const hda_mpc_work *w, double share) {
+    W sum = zero;
+    double all = 0.0;
+    for (int low = 0; low < 2; low++) {
+        const hda_mpc_side *z = &w->side[low];
+        for (int b = 0; b < BLOCKS; b++) {
+            const W pair = (z->t[b] + share * z->dt[b]) * (z->l[b] + share * z->dl[b]), soft = (z->s[b] + share * z->ds[b]) * (z->v[b] + share * z->dv[b]);
+            sum += z->there[b] * (pair + w->soft[b] * soft);
+        }
+    }
+    for (int lane = 0; lane < 8; lane++) all += sum[lane];
+    return all / w->pairs;
+}
+
+static void advance(hda_mpc_work *w, double share) {
+    double *now = w->now.T;
+    const double *next = w->next.T;
+    for (int low = 0; low < 2; low++) {
+        hda_mpc_side *z = &w->side[low];
+        for (int b = 0; b < BLOCKS; b++) {
+            z->t[b] += share * z->dt[b];
+            z->l[b] += share * z->dl[b];
+            z->s[b] += share * z->ds[b];
+            z->v[b] += share * z->dv[b];
+        }
+    }
+    for (int e = 0; e < N * HDA_N; e++) now[e] += share * (next[e] - now[e]);
+    for (int e = 0; e < N * HDA_MPC_NX; e++) w->now.x[e] += share * (w->next.x[e] - w->now.x[e]);
+    for (int e = 0; e < ALL; e++) w->now.rows[e] += share * (w->next.rows[e] - w->now.rows[e]);
+}
+
+int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w) {
+    memset(w->weight, 0, sizeof w->weight);
+    memset(w->slope, 0, sizeof w->slope);
+    memset(&w->next, 0, sizeof w->next);
+    memset(&w->now, 0, sizeof w->now);
+    w->rounds = 0;
+    w->unmet = 1.0;
+    if (hda_mpc_factor(qp, w->weight, &w->f)) { /* curved only by its rows, perhaps */
+        for (int e = 0; e < ALL; e++) w->weight[e] = 1.0;
+        if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
+    }
+    hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
+    begin(qp, w, START, GAP);
+    return 0;
+}
+
+int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
+    static const double idle[HDA_N];
+    memset(&w->next, 0, sizeof w->next);
+    memset(&w->now, 0, sizeof w->now);
+    memcpy(w->now.y, y, ALL * sizeof *y);
+    w->rounds = 0;
+    w->unmet = 1.0;
+    hda_mpc_roll(qp, &w->f, idle, w->now.x, w->now.rows);
+    begin(qp, w, START_AGAIN, GAP_AGAIN);
+    return 0;
+}
+
+int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
+    hda_mpc_point *next = &w->next;
+    double last = 1e300;
+    int near = 0;
+    for (; w->rounds < HDA_MPC_INTERIOR; w->rounds++) {
+        double gap;
+        const double worst = measure(w, &gap);
+        near = worst < larger(CLOSE, wanted) && gap < wanted && w->unmet < larger(CLOSE, wanted);
+        near |= gap < STALLED && gap > 0.5 * last && worst < CLOSE && w->unmet < CLOSE; /* rounding lets it come no nearer */
+        last = gap;
+        if (near || !(worst < 1e100) || !(gap < 1e100) || hda_mpc_factor(qp, w->weight, &w->f)) break;
+        lean(w, 0.0, 0.0);
+        hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
+        const double first = stride(w), left = mean(w, first) / larger(gap, 1e-300);
+        lean(w, left * left * left * gap, 1.0);
+        hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
+        double share = stride(w);
+        share = share < 1.0 ? BOUNDARY * share : 1.0;
+        advance(w, share);
+        w->unmet *= 1.0 - share;
+    }
+    for (int e = 0; e < ALL; e++) {
+        const double high = w->side[0].l[e / 8][e % 8], low = w->side[1].l[e / 8][e % 8];
+        const double far_high = w->side[0].t[e / 8][e % 8], far_low = w->side[1].t[e / 8][e % 8];
+        w->now.y[e] = (high > far_high ? high : 0.0) - (low > far_low ? low : 0.0); /* of the rest nothing is left in the limit */
+    }
+    return near;
+}

@@ -1,0 +1,75 @@
+/* The report of a tick: what is active, what is violated and by how much, what was planned. */
+#include "hda_mpc.h"
+
+#include <string.h>
+
+enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, HARD = HDA_MPC_HARD, SIMPLES = HDA_MPC_SIMPLES, NG = HDA_MPC_NG };
+
+static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
+static const int simple[] = HDA_MPC_SIMPLE;
+
+#define SLOW 0.2 /* s: a force that comes within it is a collision, one that grows slower is a push */
+
+static int family(int row) {
+    if (row < HARD + SIMPLES) return row / NU;
+    row -= HARD + SIMPLES;
+    return row < HDA_MPC_FLEXIBLE ? 4 : row == HDA_MPC_FLEXIBLE ? 5 : 6;
+}
+
+static void more(double *most, double value) {
+    if (value > *most) *most = value;
+}
+
+/* How far beyond its limits a row is, SI. */
+static double over(const hda_mpc *k, int row, double value) {
+    const double high = value - k->limits[row][1], low = k->limits[row][0] - value;
+    return (high > low ? high : low) * k->unit[row];
+}
+
+void hda_mpc_feel(hda_mpc *k) {
+    hda_mpc_report *r = &k->report;
+    double map[2 * NU];
+    hda_force_map(k->estimator.last, k->c, map);
+    for (int i = 0; i < 2; i++) {
+        r->observed_force[i] = 0.0;
+        for (int j = 0; j < NU; j++) r->observed_force[i] += map[i * NU + j] * k->estimator.outside[j] / k->estimator.ratio[j];
+    }
+    r->collision = hda_length(r->observed_force[0] - k->expected[0], r->observed_force[1] - k->expected[1]) > k->settings.noise.collision;
+    for (int i = 0; i < 2; i++) k->expected[i] += k->guard.config.period / SLOW * (r->observed_force[i] - k->expected[i]);
+}
+
+void hda_mpc_say(hda_mpc *k) {
+    hda_mpc_report *r = &k->report;
+    double y[HDA_MPC_NY], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
+    memset(r->active_of, 0, sizeof r->active_of);
+    memset(r->violated_by, 0, sizeof r->violated_by);
+    memset(r->foreseen_by, 0, sizeof r->foreseen_by);
+    hda_mpc_look(k, k->x, y, Y, g, G);
+    for (int i = 0; i < SIMPLES; i++) more(&r->violated_by[family(HARD + i)], over(k, HARD + i, k->x[simple[i]]));
+    for (int i = 0; i < NG; i++) more(&r->violated_by[family(HARD + SIMPLES + i)], over(k, HARD + SIMPLES + i, g[i]));
+    for (int e = 0; e < HDA_MPC_ALL; e++) {
+        const int row = e % ROWS, node = e / ROWS;
+        if (k->solution.dual[e] != 0.0) r->active_of[family(row)] += 1.0;
+        if (row < HARD) continue;
+        double beyond = -1.0;
+        if (row < HARD + SIMPLES) {
+            beyond = over(k, row, k->x[(node + 1) * NX + simple[row - HARD]]);
+        } else {
+            const double *slope = k->qp.G + (node * NG + row - HARD - SIMPLES) * NX;
+            double value = k->g[node * NG + row - HARD - SIMPLES];
+            for (int i = 0; i < NX; i++) value += slope[i] * k->solution.x[node * NX + i];
+            beyond = over(k, row, value);
+        }
+        more(&r->foreseen_by[family(row)], beyond);
+    }
+    r->failures = k->failures;
+    r->factored = k->solution.factored;
+    r->interior = k->solution.interior;
+    r->active = k->solution.active;
+    r->residual = k->solution.residual;
+    r->innovation = k->estimator.innovation;
+    memcpy(r->disturbance, k->estimator.s + HDA_NX, sizeof r->disturbance);
+    memcpy(r->yielded, k->yielded, sizeof r->yielded);
+    for (int e = 0; e < N * NU; e++) r->plan[e] = full[e % NU] * k->T[e];
+    for (int e = 0; e < N * NX; e++) r->predicted[e] = scale[e % NX] * k->x[NX + e];
+}

@@ -1,0 +1,209 @@
+/* The target, the cost's slope, the rows' bounds, and the trajectory one period on.
+ *
+ * Legend: M x'' + B x' + K x = F the wanted admittance about the commanded path; F the tip force, which fades at `decay` over the horizon. */
+#include "hda_mpc.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, NY = HDA_MPC_NY, NG = HDA_MPC_NG, AXES = HDA_MPC_AXES, ROWS = HDA_MPC_ROWS, HARD = HDA_MPC_HARD, SIMPLES = HDA_MPC_SIMPLES };
+
+static const int simple[] = HDA_MPC_SIMPLE;
+static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
+
+/* exp of a 3 x 3 matrix, by squaring what is left of 1. */
+static void exponential(const double *A, double time, double *out) {
+    double X[9], Y[9], Z[9];
+    for (int i = 0; i < 9; i++) Y[i] = X[i] = A[i] * time / 1099511627776.0; /* 2^40 */
+    for (int order = 4; order >= 2; order--) {
+        for (int i = 0; i < 9; i++) {
+            Z[i] = X[i];
+            for (int l = 0; l < 3; l++) Z[i] += X[i / 3 * 3 + l] * Y[l * 3 + i % 3] / order;
+        }
+        memcpy(Y, Z, sizeof Y);
+    }
+    for (int square = 0; square < 40; square++) { /* exp - 1 keeps every digit of small entries */
+        for (int i = 0; i < 9; i++) {
+            Z[i] = 2.0 * Y[i];
+            for (int l = 0; l < 3; l++) Z[i] += Y[i / 3 * 3 + l] * Y[l * 3 + i % 3];
+        }
+        memcpy(Y, Z, sizeof Y);
+    }
+    for (int i = 0; i < 9; i++) out[i] = Y[i] + (i % 4 == 0 ? 1.0 : 0.0);
+}
+
+/* Limits of the rows and what one unit of a row is, in SI. */
+static void rows(hda_mpc *k) {
+    const hda_mpc_settings *s = &k->settings;
+    const double keep = 1.0 - s->margin;
+    for (int j = 0; j < NU; j++) {
+        const double speed = s->motor_speed[j], middle = 0.5 * (s->position_low[j] + s->position_high[j]), half = 0.5 * (s->position_high[j] - s->position_low[j]);
+        const double limits[4][3] = {
+            {-k->guard.config.torque_limit[j], k->guard.config.torque_limit[j], full[j]},
+            {-k->guard.config.torque_rate[j], k->guard.config.torque_rate[j], full[j]}, /* per second */
+            {middle - keep * half, middle + keep * half, scale[simple[j]]},
+            {-keep * speed, keep * speed, scale[simple[NU + j]]},
+        };
+        const int at[4] = {j, NU + j, HARD + j, HARD + NU + j};
+        for (int r = 0; r < 4; r++) {
+            k->unit[at[r]] = limits[r][2];
+            for (int side = 0; side < 2; side++) k->limits[at[r]][side] = limits[r][side] / limits[r][2];
+        }
+    }
+    for (int g = 0; g < NG; g++) {
+        const int row = HARD + SIMPLES + g, wall = g - HDA_MPC_FLEXIBLE - 1;
+        k->unit[row] = 1.0;
+        k->limits[row][0] = g < HDA_MPC_FLEXIBLE ? -keep * s->joint_torque[k->flexible[g]] : -2.0 * HDA_MPC_FREE;
+        k->limits[row][1] = g < HDA_MPC_FLEXIBLE ? -k->limits[row][0] : wall < 0 ? keep * s->tip_speed : s->give[wall];
+    }
+}
+
+/* Penalties, in the cost's normalised units, by each row's size. */
+static void penalties(hda_mpc *k) {
+    const hda_mpc_settings *s = &k->settings;
+    for (int e = 0; e < HDA_MPC_ALL; e++) {
+        const int row = e % ROWS;
+        double size = 0.5 * (k->limits[row][1] - k->limits[row][0]);
+        if (row >= HARD + SIMPLES + HDA_MPC_FLEXIBLE) size = row == HARD + SIMPLES + HDA_MPC_FLEXIBLE ? s->tip_speed : 0.02; /* m, of a wall */
+        k->qp.linear[e] = row < HARD ? 10.0 * HDA_MPC_FREE : s->penalty_linear / size;
+        k->qp.square[e] = row < HARD ? 0.0 : s->penalty_square / (size * size);
+    }
+}
+
+void hda_mpc_constants(hda_mpc *k) {
+    const hda_mpc_settings *s = &k->settings;
+    static const int joint_of[] = HDA_MPC_FLEXIBLE_JOINTS;
+    double time = 0.0;
+    for (int g = 0; g < HDA_MPC_FLEXIBLE; g++) k->flexible[g] = joint_of[g];
+    hda_mpc_stage_constants(k->c, k->shared);
+    memcpy(k->shared + HDA_MPC_AT_SMOOTHING, s->smoothing, sizeof s->smoothing);
+    for (int i = 0; i < 3 * HDA_MPC_WALLS; i++) k->shared[HDA_MPC_AT_WALLS + i] = s->walls[i];
+    for (int axis = 0; axis < AXES; axis++) {
+        const double M = s->mass[axis], A[9] = {0.0, 1.0, 0.0, -s->stiffness[axis] / M, -s->damping[axis] / M, 1.0 / M, 0.0, 0.0, -s->decay};
+        exponential(A, k->guard.config.period, k->carry[axis]);
+        for (int node = 0; node < N; node++) exponential(A, s->grid[node], k->carry[(node + 1) * AXES + axis]);
+    }
+    for (int node = 0; node < N; node++) { /* in the middle of the node */
+        k->fading[node] = exp(-s->decay * (time + 0.5 * s->grid[node]));
+        time += s->grid[node];
+    }
+    const double most = s->weight_position > s->weight_velocity ? s->weight_position : s->weight_velocity;
+    k->weight = 10.0 / (most > s->weight_posture ? most : s->weight_posture);
+    for (int m = 0; m < NY; m++) {
+        const double weight = m < AXES ? s->weight_position : m < 2 * AXES ? s->weight_velocity : s->weight_posture;
+        k->output_weight[0][m] = k->weight * weight;
+        k->output_weight[1][m] = k->weight * weight * s->terminal;
+    }
+    for (int e = 0; e < N * NU; e++) {
+        const double unit = full[e % NU];
+        k->qp.R[e] = k->weight * s->weight_torque * unit * unit;
+        k->qp.D[e] = k->weight * s->weight_rate * unit * unit;
+    }
+    rows(k);
+    penalties(k);
+}
+
+static double within(double value) { return value > HDA_MPC_FREE ? 2.0 * HDA_MPC_FREE : value < -HDA_MPC_FREE ? -2.0 * HDA_MPC_FREE : value; }
+
+void hda_mpc_bound(hda_mpc *k) {
+    const hda_mpc_settings *s = &k->settings;
+    hda_mpc_qp *qp = &k->qp;
+    for (int node = 0; node < N; node++) {
+        const double *x = k->x + (node + 1) * NX, span = node ? s->grid[node - 1] : k->guard.config.period;
+        double *low = qp->low + node * ROWS, *high = qp->high + node * ROWS;
+        for (int row = 0; row < ROWS; row++) {
+            const int j = row % NU;
+            const double before = node ? k->T[(node - 1) * NU + j] : k->guard.sent[j] / full[j];
+            const double change = k->T[node * NU + j] - before, share = row >= NU && row < HARD ? span : 1.0;
+            const double now = row < NU ? k->T[node * NU + j] : row < HARD ? change : row < HARD + SIMPLES ? x[simple[row - HARD]] : k->g[node * NG + row - HARD - SIMPLES];
+            low[row] = within(share * k->limits[row][0] - now);
+            high[row] = within(share * k->limits[row][1] - now);
+        }
+        for (int j = 0; j < NU; j++) {
+            const double before = node ? k->T[(node - 1) * NU + j] : k->guard.sent[j] / full[j];
+            qp->r[node * NU + j] = qp->R[node * NU + j] * (k->T[node * NU + j] - k->hold[j] / full[j]);
+            qp->d[node * NU + j] = qp->D[node * NU + j] * (k->T[node * NU + j] - before);
+        }
+    }
+}
+
+static void carried(const double *E, double force, double *position, double *velocity) {
+    const double x = *position, v = *velocity;
+    *position = E[0] * x + E[1] * v + E[2] * force;
+    *velocity = E[3] * x + E[4] * v + E[5] * force;
+}
+
+/* The force along each axis of the target: at the tip, or as torques of the joints. */
+static void along(const hda_mpc *k, const double *force, double *axis) {
+    if (!HDA_MPC_JOINT_SPACE) {
+        memcpy(axis, force, 2 * sizeof *axis);
+        return;
+    }
+    double J[2 * NU], velocity[2], turn[2], still[NU] = {0}, q[NU];
+    for (int j = 0; j < NU; j++) q[j] = k->x[simple[j]];
+    hda_tip_jacobian(q, still, k->c, J, velocity, turn);
+    for (int j = 0; j < NU; j++) axis[j] = J[2 * j] * force[0] + J[2 * j + 1] * force[1];
+}
+
+void hda_mpc_yield(hda_mpc *k, const double *force) {
+    double axis[AXES];
+    along(k, force, axis);
+    for (int a = 0; a < AXES; a++) carried(k->carry[a], axis[a], k->yielded + a, k->yielded + AXES + a);
+}
+
+void hda_mpc_aim(hda_mpc *k, const double *path, const double *force) {
+    double yielded[2 * AXES], axis[AXES], goal[NY] = {0};
+    memcpy(yielded, k->yielded, sizeof yielded);
+    along(k, force, axis);
+    for (int node = 0; node < N; node++) {
+        const double *wanted = path + (node + 1) * 2 * AXES, *Y = k->Y + node * NY * NX, *y = k->y + node * NY;
+        double *restrict h = k->qp.h + node * NX;
+        for (int a = 0; a < AXES; a++) {
+            const double *E = k->carry[(node + 1) * AXES + a];
+            carried(E, axis[a], yielded + a, yielded + AXES + a);
+            axis[a] *= E[8];
+            goal[a] = wanted[a] + yielded[a];
+            goal[AXES + a] = wanted[AXES + a] + yielded[AXES + a];
+        }
+        for (int i = 0; i < NX; i++) h[i] = 0.0;
+        for (int m = 0; m < NY; m++) {
+            k->goal[node * NY + m] = goal[m];
+            const double pull = k->output_weight[node == N - 1][m] * (y[m] - goal[m]);
+            for (int i = 0; i < NX; i++) h[i] += pull * Y[i * NY + m];
+        }
+    }
+}
+
+/* Where in the plan the time `at` lies: node, and share of it that is over. */
+static int place(const double *grid, double at, double *share) {
+    int node = 0;
+    while (node < N - 1 && at > grid[node]) at -= grid[node++];
+    *share = at / grid[node] < 1.0 ? at / grid[node] : 1.0;
+    return node;
+}
+
+/* One period on: states between the old nodes by a straight line; each torque the mean of the old ones over its new node; the multipliers of
+ * the node that each new one begins in. Beyond the horizon the last node goes on. */
+void hda_mpc_shift(hda_mpc *k) {
+    const double *grid = k->settings.grid, period = k->guard.config.period;
+    double old_x[(N + 1) * NX], old_T[N * NU], old_dual[HDA_MPC_ALL], begun = period;
+    memcpy(old_x, k->x, sizeof old_x);
+    memcpy(old_T, k->T, sizeof old_T);
+    memcpy(old_dual, k->solution.dual, sizeof old_dual);
+    for (int node = 0; node < N; node++) {
+        double from, to;
+        const int first = place(grid, begun, &from), last = place(grid, begun + grid[node], &to), nearest = from < 0.5 || first == N - 1 ? first : first + 1;
+        for (int i = 0; i < NX; i++) k->x[(node + 1) * NX + i] = (1.0 - to) * old_x[last * NX + i] + to * old_x[(last + 1) * NX + i];
+        for (int j = 0; j < NU; j++) {
+            double sum = 0.0, time = 0.0;
+            for (int m = first; m <= last; m++) {
+                const double part = grid[m] * ((m == last ? to : 1.0) - (m == first ? from : 0.0));
+                sum += part * old_T[m * NU + j];
+                time += part;
+            }
+            k->T[node * NU + j] = time > 0.0 ? sum / time : old_T[last * NU + j];
+        }
+        memcpy(k->solution.dual + node * ROWS, old_dual + nearest * ROWS, ROWS * sizeof *old_dual);
+        begun += grid[node];
+    }
+}

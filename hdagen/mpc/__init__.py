@@ -1,0 +1,2 @@
+"""The predictive controller's numeric half: what controller.toml says, the controller, closed loops, tables, its
+page."""

@@ -1,0 +1,161 @@
+"""Impedance, admittance and predictive control on the paper's circle with pushes and against a wall: one table, and the
+same over random runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hdagen.control import Controller
+from hdagen.mpc.configuration import Configuration, Wall, checked
+from hdagen.mpc.controller import MPC
+from hdagen.mpc.trials import Outcome, gains_of, outcome, trial
+from hdagen.mpc.tuned import Tuned, tune
+from hdagen.plant import Arm, load
+from hdagen.reference import Reference, circle
+from hdagen.simulate import Push, Sensors
+
+RADIUS, CENTER, TURN, SECONDS = 0.05, (0.2, 0.0), 5.0, 8.0  # of the circle: m, m, s, s
+LAWS = ("impedance_cartesian", "admittance_cartesian")
+FREE = (Push(3.0, 4.0, (15.0, 0.0)), Push(6.0, 7.0, (0.0, 15.0)))  # the paper's Fig. 11
+HARD = (Push(1.0, 2.0, (25.0, 0.0)), Push(3.0, 4.0, (0.0, 25.0)), Push(5.0, 6.5, (30.0, 15.0)))
+WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))  # a surface that bears 20 N, and a fixture
+SUDDEN = 0.035  # m/s: 30 N for 4 ms on 3.4 kg
+ALLOWED = {"joint_position": 0.005, "wall": 1e-3}  # rad, m; of speeds and torques SHARE
+SHARE = 0.02
+DELAYS, SPREAD, SIZES = (1, 3), 0.1, (5.0, 30.0)  # ticks; of parameters; N
+VARIED = (
+    "mass",
+    "inertia",
+    "motor_inertia",
+    "coulomb_friction",
+    "viscous_friction",
+    "flexspline_stiffness",
+    "torsional_damping",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One controller on one course."""
+
+    course: str
+    controller: str
+    outcome: Outcome
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The table, and how the admittance law was tuned."""
+
+    rows: tuple[Row, ...]
+    tuned: Tuned
+    configuration: Configuration
+
+
+@dataclass(frozen=True)
+class RandomRun:
+    """One random run: distances of both controllers where no limit is near, and the predictive one's excesses."""
+
+    seed: int
+    delay: int
+    predictive: Outcome
+    admittance: Outcome
+    legal: bool
+    kept: bool
+
+
+def courses(c: Configuration) -> Iterator[tuple[str, Reference, tuple[Push, ...], tuple[Wall, ...], Configuration]]:
+    """The courses: name, path, pushes, walls of the world, configuration."""
+    path = circle(RADIUS, CENTER, TURN, SECONDS, float(c["mpc.period"]))
+    away = tuple(replace(wall, offset=10.0) for wall in WALLS)
+    yield "circle, pushed, no limit near", path, FREE, (), c.changed(away, limits__tip_speed=1.0)
+    yield "circle, pushed hard, wall", path, HARD, WALLS, c.changed(WALLS)
+
+
+def default() -> Configuration:
+    """The configuration of the table: two walls, a tip that moves at most 0.15 m/s, all else as it is."""
+    return checked({"limits": {"tip_speed": 0.15, "sudden": SUDDEN}}, "table").changed(WALLS)
+
+
+def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None, evaluations: int = 40) -> Comparison:
+    """Run the table."""
+    c = default()
+    say("building")
+    arm = load("paper", profile, mpc=c)
+    predictive = MPC(arm, c)
+    guard = predictive.guard
+    controllers: dict[str, Controller] = {name: Controller(arm, name, guard, gains_of(c)) for name in LAWS}
+    say("tuning the admittance law's inner loop")
+    path = circle(RADIUS, CENTER, TURN, 4.0, float(c["mpc.period"]))
+    pushes = (Push(1.0, 2.0, (15.0, 0.0)), Push(2.5, 3.0, (0.0, 15.0)))
+    tuned = tune(arm, c, controllers[LAWS[1]], path, pushes, Sensors(), evaluations)
+    rows = []
+    for course, way, shoves, walls, limits in courses(c):
+        predictive.configure_with(limits)
+        for name, controller in {**controllers, "mpc": predictive}.items():
+            say(f"{course}: {name}")
+            found = trial(arm, controller, way, shoves, Sensors(), walls, seed=1)
+            rows.append(Row(course, name, outcome(arm, limits, way, found, controller)))
+    return Comparison(tuple(rows), tuned, c)
+
+
+def random_runs(count: int, tuned: dict[str, float], profile: str = "native", first: int = 0) -> Iterator[RandomRun]:
+    """Random runs: sizes of pushes, parameters off by up to 10 %, sensor noise, a delay of 1 to 3 ticks that the
+    controller is told to be 2."""
+    c = default()
+    arm, plant = load("paper", profile, mpc=c), load("paper", profile, mpc=c)
+    limits = c.changed(WALLS, mpc__delay=2)
+    predictive = MPC(arm, limits)
+    admittance = Controller(arm, LAWS[1], predictive.guard, gains_of(c) | tuned)
+    path = circle(RADIUS, CENTER, TURN, 4.0, float(c["mpc.period"]))
+    for seed in range(first, first + count):
+        random = np.random.default_rng(seed)
+        _vary(plant, random)
+        delay = int(random.integers(DELAYS[0], DELAYS[1] + 1))
+        pushes = _pushes(random)
+        hard = trial(plant, predictive, path, pushes, Sensors(delay=delay), WALLS, seed=seed)
+        ours = outcome(plant, limits, path, hard, predictive)
+        found = trial(plant, admittance, path, pushes, Sensors(delay=delay), (), seed=seed)
+        theirs = outcome(plant, limits, path, found, admittance)
+        torque, most = hard.simulation.torque, np.array(_torques(arm))
+        legal = bool(np.isfinite(torque).all() and (np.abs(torque) <= most + 1e-12).all())
+        yield RandomRun(seed, delay, ours, theirs, legal, kept(arm, limits, ours))
+
+
+def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
+    """Whether every soft limit was kept to what is allowed: 1 mm at walls, 0.005 rad, 2 % of speeds and torques."""
+    from hdagen.mpc.layout import limits_of
+
+    limits = limits_of(arm, c)
+    sizes = {"motor_speed": max(limits["motor_speed"]), "joint_torque": max(limits["joint_torque"])}
+    sizes["tip_speed"] = float(c["limits.tip_speed"])
+    for name, over in found.violated.items():
+        family = "wall" if name.startswith("wall") else name
+        if over > ALLOWED.get(family, SHARE * sizes.get(family, 0.0)):
+            return False
+    return True
+
+
+def _torques(arm: Arm) -> list[float]:
+    return [j["drive"]["torque_constant"]["nominal"] * j["drive"]["max_current"] for j in arm.robot["joints"]]
+
+
+def _vary(plant: Arm, random: np.random.Generator) -> None:
+    plant.parameters.reset()
+    changed = {}
+    for name, described in plant.parameters.described.items():
+        if name.rpartition("_")[0] in VARIED:
+            value = described.nominal * (1 + random.uniform(-SPREAD, SPREAD))
+            changed[name] = float(np.clip(value, described.low, described.high))
+    plant.parameters.update(changed)
+
+
+def _pushes(random: np.random.Generator) -> tuple[Push, ...]:
+    out = []
+    for begin in (1.0, 2.5):
+        size, angle = random.uniform(*SIZES), random.uniform(0, 2 * np.pi)
+        out.append(Push(begin, begin + float(random.uniform(0.3, 1.0)), (size * np.cos(angle), size * np.sin(angle))))
+    return tuple(out)

@@ -1,0 +1,208 @@
+"""controller.toml of the predictive controller, read and checked: every problem at once, one sentence each."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hdagen.mpc.keys import KEYS, TABLES, Key, keys
+from hdagen.plant import PlantError
+
+LARGEST = 100_000  # bytes of a controller.toml
+MOST_WALLS = 8
+MEMORY = 64 << 20  # bytes of a horizon
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A half-plane that the tip keeps: normal · tip ≤ offset (m). With ``stiffness`` (N/m) it is a surface that the tip
+    may press with ``force`` (N); without, a fixture that is only in the controller. ``margin``, m."""
+
+    normal: tuple[float, float]
+    offset: float
+    stiffness: float | None = None
+    force: float | None = None
+    margin: float = 5e-4
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What controller.toml says: ``values`` by "table.key", defaults filled in, and the walls."""
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+    walls: tuple[Wall, ...] = ()
+
+    def __getitem__(self, path: str) -> Any:
+        """The value of "table.key"; its default where none was given."""
+        if path in self.values:
+            return self.values[path]
+        return next(key.default for key in KEYS if key.path == path)
+
+    @property
+    def grid(self) -> tuple[float, ...]:
+        """How long each node lasts, s."""
+        if self["mpc.grid"] is not None:
+            return tuple(self["mpc.grid"])
+        return (self["mpc.node"],) * int(self["mpc.nodes"])
+
+    @property
+    def structure(self) -> str:
+        """What is fixed when the controller is compiled, as `python -m gen build --mpc` takes it."""
+        return f"nodes={len(self.grid)},walls={len(self.walls)},space={self['mpc.space']}"
+
+    def changed(self, walls: tuple[Wall, ...] | None = None, **values: Any) -> Configuration:
+        """A copy with some values replaced, keys with "__" for the dot. Raises PlantError."""
+        named = {name.replace("__", "."): value for name, value in values.items()}
+        wanted = {**self.values, **named}
+        tables: dict[str, Any] = {}
+        for path, value in wanted.items():
+            table, _, name = path.partition(".")
+            tables.setdefault(table, {})[name] = list(value) if isinstance(value, tuple) else value
+        found = checked(tables, "configuration")
+        return Configuration(found.values, self.walls if walls is None else walls)
+
+
+def read(path: str | Path) -> Configuration:
+    """The configuration of a controller.toml. Raises PlantError with every problem."""
+    path = Path(path)
+    try:
+        if path.stat().st_size > LARGEST:
+            raise PlantError(f"{path}: larger than {LARGEST} bytes, no controller.toml is; name one.")
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        why = getattr(error, "strerror", None) or str(error)[:200]
+        raise PlantError(f"{path}: cannot be read as TOML ({why}); see docs/mpc.md for what it holds.") from None
+    return checked(content, str(path))
+
+
+def checked(content: Mapping[str, Any], where: str) -> Configuration:
+    """The configuration that the tables state. Raises PlantError with every problem."""
+    problems: list[str] = []
+    values: dict[str, Any] = {}
+    for table, entries in content.items():
+        if table not in TABLES:
+            near = difflib.get_close_matches(table, TABLES, n=1)
+            meant = f" (did you mean {near[0]}?)" if near else ""
+            problems.append(f"{where}: unknown table {table[:40]!r}; possible are {', '.join(TABLES)}{meant}.")
+        elif table != "wall":
+            _table(where, table, entries, values, problems)
+    walls = _walls(where, content.get("wall", []), problems)
+    if not problems:
+        _contradictions(where, Configuration(values, walls), problems)
+    if problems:
+        raise PlantError("\n".join(problems))
+    return Configuration(values, walls)
+
+
+def _table(where: str, table: str, entries: Any, values: dict[str, Any], problems: list[str]) -> None:
+    known = keys(table)
+    if not isinstance(entries, Mapping):
+        problems.append(f"{where}: {table} is a table of keys; write [{table}].")
+        return
+    for name, value in entries.items():
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            meant = f" (did you mean {near[0]}?)" if near else ""
+            problems.append(f"{where}, {table}: unknown key {name[:40]!r}; possible are {', '.join(known)}{meant}.")
+        elif value is not None:
+            found, why = _value(known[name], value)
+            if why:
+                problems.append(f"{where}, {table}.{name}: found {value!r:.60}, possible is {why}.")
+            else:
+                values[f"{table}.{name}"] = found
+
+
+def _value(key: Key, value: Any) -> tuple[Any, str]:
+    """The value as it is used, and why it cannot be."""
+    begin, end = ("more than", "and at most") if key.open else ("from", "to")
+    span = f"{begin} {key.low:g} {end} {key.high:g} {key.unit}"
+    if key.kind == "text":
+        return value, "" if value in key.choices else " or ".join(f'"{choice}"' for choice in key.choices)
+    if key.kind == "whole":
+        good = isinstance(value, int) and not isinstance(value, bool) and key.low <= value <= key.high
+        return value, "" if good else f"a whole number {span}"
+    if key.kind == "number":
+        return (float(value), "") if _fits(key, value) else (None, f"a number {span}")
+    many = value if isinstance(value, list | tuple) else [value]
+    listed = key.kind in ("numbers", "point") and not isinstance(value, list | tuple)
+    if listed or not many or not all(_fits(key, v) for v in many) or (key.kind == "point" and len(many) != 2):
+        what = {"numbers": "a list of numbers", "point": "two numbers in brackets"}.get(
+            key.kind, "a number, or a list of them,"
+        )
+        return None, f"{what} {span}"
+    if key.kind in ("axes", "joints") and not isinstance(value, list | tuple):
+        return float(value), ""
+    return tuple(float(v) for v in many), ""
+
+
+def _fits(key: Key, value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return False
+    return key.low <= value <= key.high and not (key.open and value == key.low)
+
+
+def _walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...]:
+    if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
+        problems.append(f"{where}: walls are tables in a list; write [[wall]], one a wall.")
+        return ()
+    if len(tables) > MOST_WALLS:
+        problems.append(f"{where}: found {len(tables)} walls, possible are {MOST_WALLS}; join some.")
+        return ()
+    walls = []
+    for k, table in enumerate(tables, 1):
+        found: dict[str, Any] = {}
+        before = len(problems)
+        _table(f"{where}, wall {k}", "wall", table, found, problems)
+        given = {path.removeprefix("wall."): value for path, value in found.items()}
+        problems += [f"{where}, wall {k}: {n} is missing; state it." for n in ("normal", "offset") if n not in table]
+        if len(problems) > before:
+            continue
+        wall = Wall(**given)
+        length = math.hypot(*wall.normal)
+        if abs(length - 1) > 1e-6:
+            problems.append(f"{where}, wall {k}: normal has length {length:.4g}, possible is 1; divide by its length.")
+        if (wall.stiffness is None) != (wall.force is None):
+            problems.append(f"{where}, wall {k}: stiffness and force belong together; state both or neither.")
+        normal = (wall.normal[0] / length, wall.normal[1] / length) if length > 0 else wall.normal
+        walls.append(Wall(normal, wall.offset, wall.stiffness, wall.force, wall.margin))
+    return tuple(walls)
+
+
+def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
+    """What no single key shows."""
+    grid = c.grid
+    if c["mpc.grid"] is not None and "mpc.nodes" in c.values and len(grid) != c["mpc.nodes"]:
+        problems.append(
+            f"{where}: mpc.grid has {len(grid)} nodes and mpc.nodes says {c['mpc.nodes']}; state one of them."
+        )
+    if not 2 <= len(grid) <= 400:
+        problems.append(f"{where}: mpc.grid has {len(grid)} nodes, possible are 2 to 400.")
+    if min(grid) < c["mpc.period"] * (1 - 1e-9):
+        problems.append(
+            f"{where}: a node lasts {min(grid):g} s and the period {c['mpc.period']:g} s; make every node at "
+            f"least as long."
+        )
+    if c["limits.sudden"] >= c["limits.tip_speed"]:
+        problems.append(
+            f"{where}: limits.sudden leaves nothing of limits.tip_speed, {c['limits.tip_speed']:g} m/s; lower it."
+        )
+    if c["weights.position"] + c["weights.velocity"] <= 0:
+        problems.append(
+            f"{where}: weights.position and weights.velocity are both 0, so nothing is followed; raise one."
+        )
+    if c["weights.torque"] + c["weights.torque_rate"] <= 0:
+        problems.append(
+            f"{where}: weights.torque and weights.torque_rate are both 0, so the cost is not definite; raise one."
+        )
+    if c["limits.linear"] + c["limits.square"] <= 0:
+        problems.append(f"{where}: limits.linear and limits.square are both 0, so soft limits do not count; raise one.")
+    for a, one in enumerate(c.walls, 1):
+        for b, other in enumerate(c.walls[a:], a + 1):
+            opposed = one.normal[0] * other.normal[0] + one.normal[1] * other.normal[1] < -1 + 1e-9
+            if opposed and one.offset + other.offset < 0:
+                problems.append(f"{where}: walls {a} and {b} leave nothing between them; move one.")

@@ -1,0 +1,282 @@
+"""The predictive controller, tick by tick: `MPC(arm, configuration).tick(now, path, …)`.
+
+A tick always leaves a whole, legal torque; faults come back as a status, never as an exception. Not a safety-rated
+function: use it behind a certified stop (docs/safety.md, docs/mpc.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdagen.control import Controller, Guard, Safe
+from hdagen.mpc.configuration import Configuration, Wall
+from hdagen.mpc.layout import FAMILIES, each, report_names, settings_of, torque_limits
+from hdagen.plant import Arm, Array, PlantError
+from hdagen.reference import Reference
+
+RUNGS = ("on the plan", "on the last plan, shifted", "held by an impedance", "on the ramp to the safe torque")
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a tick did. ``active``, ``violated`` and ``foreseen`` by family of limits: rows of the plan at or beyond
+    their bound, the present violation and the plan's largest, SI (negative or 0: none)."""
+
+    rung: str
+    failures: int
+    solved: int
+    factored: int
+    interior: int
+    residual: float
+    active: Mapping[str, int]
+    violated: Mapping[str, float]
+    foreseen: Mapping[str, float]
+    tip_force: Array  # N, that drives the target
+    observed_force: Array  # N, by the momentum observer
+    disturbance: Array  # N m at the motors
+    innovation: float
+    collision: bool
+    yielded: Array
+    x: Array
+    plan: Array  # (nodes, n) N m
+    predicted: Array  # (nodes, states) SI
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A tick's nonlinear problem as `python -m gen truth` takes it."""
+
+    data: dict[str, Any]
+
+
+class Runs(Protocol):
+    """A compiled function bound to its buffers."""
+
+    def run(self) -> None:
+        """Call it."""
+
+
+@dataclass(frozen=True)
+class _Through:
+    run: Callable[[], None]
+
+
+class MPC(Controller):
+    """The predictive controller of an arm that was built with its structure, `load(robot, mpc=configuration)`.
+
+    ``path`` (nodes + 1, 2 axes): commanded positions and velocities at the tick and at the end of every node; it may
+    be filled in place. Raises PlantError where the configuration is refused.
+    """
+
+    law = "mpc"
+
+    def __init__(self, arm: Arm, configuration: Configuration | None = None, guard: Guard | None = None) -> None:
+        c = configuration or Configuration()
+        described: dict[str, Any] = arm.manifest.get("mpc") or {}
+        wanted = c.structure
+        built = described and f"nodes={described['nodes']},walls={described['walls']},space={described['space']}"
+        if built != wanted:
+            raise PlantError(
+                f"the arm is built {'with ' + built if built else 'without a predictive controller'} and the "
+                f"configuration needs {wanted}; load it with load(robot, mpc=configuration)."
+            )
+        self.arm, self.configuration, self.described = arm, c, {"reference": (), "gains": ()}
+        module, n, self.nodes = arm.module, arm.n, described["nodes"]
+        self.axes = 2 if described["space"] == "tip" else n
+        noun = "tip" if self.axes == 2 and described["space"] == "tip" else "joint"
+        self.reference_names = (f"{noun}_path",)
+        self.gains: dict[str, float] = {} if noun == "joint" else self._admittance()
+        self._buffers(n, module)
+        self.path = self._reference.reshape(self.nodes + 1, 2 * self.axes)
+        self.reference = self._reference
+        self._bind(module)
+        self.guard = self._guard(guard)
+        self.configure_with(c)
+
+    def _admittance(self) -> dict[str, float]:
+        c, out = self.configuration, dict[str, float]()
+        for name in ("mass", "damping", "stiffness"):
+            value = c[f"admittance.{name}"]
+            values = value if isinstance(value, tuple) else (value, value)
+            out |= {f"{name}_{axis}": float(v) for axis, v in zip("xy", values, strict=False)}
+        return out
+
+    def _buffers(self, n: int, module: Any) -> None:
+        self._context = np.zeros(module.length("mpc_tick", "controller"), np.uint8)
+        self._now = np.zeros(1)
+        self.measurement = np.zeros(module.length("mpc_tick", "measurement"))
+        self._reference = np.zeros(module.length("mpc_tick", "path"))
+        self.torque: Array = np.zeros(n)
+        self._status: NDArray[np.int32] = np.zeros(1, np.int32)
+        self._report = np.zeros(module.length("mpc_report", "report"))
+        self._share()
+
+    def _bind(self, module: Any) -> None:
+        buffers = (self._context, self._now, self.measurement)
+        self._plain = module.bind("mpc_tick", *buffers, self._reference, self.torque, self._status)
+        self._tick: Runs = self._plain
+        self._prepare = module.bind("mpc_prepare", self._context)
+        self._recover = module.bind("mpc_recover", *buffers, self._status)
+        self._watchdog = module.bind("mpc_watchdog", self._context, self._now, self.torque, self._status)
+        self._say = module.bind("mpc_report", self._context, self._report)
+        self._read = "mpc_read"
+
+    def _guard(self, guard: Guard | None) -> Guard:
+        c = self.configuration
+        if guard is None:
+            inertia = [joint["drive"]["motor_inertia"]["nominal"] for joint in self.arm.robot["joints"]]
+            damping = tuple(20 * J or 1e-6 for J in inertia)  # motors stop in 1/20 s
+            safe = Safe[str(c["fallback.safe"]).upper()]
+            stiffness = tuple(10 * d for d in damping) if safe is Safe.HOLD else ()
+            guard = Guard(safe, safe_damping=damping, safe_stiffness=stiffness)
+        rates = c["limits.torque_rate"]
+        limits: dict[str, Any] = {"torque_limit": torque_limits(self.arm, c)}
+        limits["torque_rate"] = (
+            None if rates is None else tuple(each(rates, self.arm.n, "limits.torque_rate", "joints"))
+        )
+        limits = {name: value for name, value in limits.items() if value is not None}
+        if c["fallback.force_limit"] is not None:
+            limits["force_limit"] = c["fallback.force_limit"]
+        return replace(guard, period=c["mpc.period"], **limits)
+
+    def configure_with(self, configuration: Configuration) -> None:
+        """Replace the configuration (of the same structure), with the arm's present parameters: all of it, or
+        PlantError and nothing changes."""
+        if configuration.structure != self.configuration.structure:
+            raise PlantError(f"the configuration needs {configuration.structure}, the controller has "
+                             f"{self.configuration.structure}; make a new controller.")  # fmt: skip
+        problems: list[str] = []
+        limits = self._limits(self.guard, problems)
+        if problems:
+            raise PlantError("\n".join(problems))
+        whole = np.array([self.guard.safe.value, self.guard.stale_stamp_ticks, self.guard.stale_bits_ticks], np.int32)
+        settings = settings_of(self.arm, configuration)
+        call = (self._context, self.arm.p.copy(), settings, whole, limits, self._status)
+        configure = self.arm.module.bind("mpc_configure", *call)
+        configure.run()
+        if self._status[0]:
+            raise PlantError(f"mpc: {self.sentence(int(self._status[0]))}")
+        self._configure, self.configuration = configure, configuration
+
+    def limit(self, walls: Sequence[Wall] | None = None, **limits: Any) -> None:
+        """Move soft limits while running: ``walls`` (as many as were compiled), ``tip_speed``, ``motor_speed``,
+        ``joint_low``, ``joint_high``, ``joint_torque``. All, or PlantError and nothing changes."""
+        moved = {f"limits__{name}": value for name, value in limits.items()}
+        c = self.configuration.changed(None if walls is None else tuple(walls), **moved)
+        if c.structure != self.configuration.structure:
+            raise PlantError(f"the controller has {len(self.configuration.walls)} walls; give as many.")
+        settings = settings_of(self.arm, c)
+        self.arm.module.bind("mpc_limit", self._context, settings, self._status).run()
+        if self._status[0]:
+            raise PlantError(f"mpc: {self.sentence(int(self._status[0]))}")
+        self.configuration = c
+
+    def prepare(self) -> None:
+        """What the next tick can do before its measurement; to be called when the torque is sent."""
+        self._prepare.run()
+
+    def step(self) -> None:
+        """The tick on the buffers as they are."""
+        self._plain.run()
+
+    def through(self, runs: Callable[[], None] | None) -> None:
+        """Let `tick` call ``runs``, which calls `step`, or again the tick alone: to look at what happens around it."""
+        self._tick = self._plain if runs is None else _Through(runs)
+
+    def rows(self, reference: Reference) -> Array:
+        """The path of every tick (T, (nodes + 1) · 2 axes): the reference at the tick and at the end of every node;
+        past
+        its end it goes on straight."""
+        times = np.concatenate([[0.0], np.cumsum(self.configuration.grid)])
+        count = len(reference.position)
+        at = reference.time[:, None] + times[None]
+        last = (count - 1) * reference.period
+        below = np.minimum((at / reference.period + 1e-9).astype(int), count - 1)
+        rest = (at - below * reference.period)[..., None]
+        position = (
+            reference.position[below]
+            + rest * reference.velocity[below]
+            + np.where(at[..., None] <= last, rest**2 / 2 * reference.acceleration[below], 0.0)
+        )
+        velocity = reference.velocity[below] + np.where(
+            at[..., None] <= last, rest * reference.acceleration[below], 0.0
+        )
+        return np.ascontiguousarray(np.concatenate([position, velocity], -1).reshape(count, -1))
+
+    def report(self) -> Report:
+        """What the last tick did; before `prepare`."""
+        self._say.run()
+        ends = np.cumsum([length for _, length in report_names(self.arm)])
+        parts = np.split(self._report.copy(), ends[:-1])
+        r = dict(zip((name for name, _ in report_names(self.arm)), parts, strict=True))
+        whole = {name: int(r[name][0]) for name in ("failures", "solved", "factored", "interior")}
+        by = {
+            what: dict(zip(FAMILIES, r[what].tolist(), strict=True))
+            for what in ("active_of", "violated_by", "foreseen_by")
+        }
+        active = {name: int(value) for name, value in by["active_of"].items()}
+        return Report(
+            RUNGS[int(r["rung"][0])], **whole, residual=float(r["residual"][0]), active=active,
+            violated=by["violated_by"], foreseen=by["foreseen_by"], tip_force=r["tip_force"],
+            observed_force=r["observed_force"], disturbance=r["disturbance"], innovation=float(r["innovation"][0]),
+            collision=bool(r["collision"][0]), yielded=r["yielded"], x=r["x"],
+            plan=r["plan"].reshape(self.nodes, -1), predicted=r["predicted"].reshape(self.nodes, -1),
+        )  # fmt: skip
+
+    def problem(self) -> tuple[Array, Array]:
+        """The last tick's quadratic problem and solution, as `mpc_solve` takes them."""
+        module = self.arm.module
+        found = [np.zeros(module.length("mpc_problem", name)) for name in ("problem", "solution")]
+        module.bind("mpc_problem", self._context, *found).run()
+        return found[0], found[1]
+
+    def header(self) -> str:
+        """C text of the settings and of the guard's configuration, as example_mpc.c includes them."""
+        problems: list[str] = []
+        limits = self._limits(self.guard, problems)
+        whole = [self.guard.safe.value, self.guard.stale_stamp_ticks, self.guard.stale_bits_ticks]
+
+        def listed(name: str, values: Sequence[float]) -> str:
+            return f"static const double {name}[] = {{{', '.join(repr(float(v)) for v in values)}}};\n"
+
+        values = listed("mpc_settings", settings_of(self.arm, self.configuration).tolist())
+        values += listed("mpc_guard_real", limits.tolist()) + listed("mpc_guard_whole", whole)
+        joints = range(1, self.arm.n + 1)
+        values += listed("mpc_ratio", [self.arm.parameters[f"ratio_{j}"] for j in joints])
+        return values + listed(
+            "mpc_torque_constant", [self.arm.parameters.get(f"torque_constant_{j}", 1.0) for j in joints]
+        )
+
+    def whole(self) -> Problem:
+        """The whole nonlinear problem of the last tick, for the truth beside it."""
+        m, n, nodes = self.arm.manifest["mpc"], self.arm.n, self.nodes
+        nx, ny, rows, shared = len(m["state"]), m["outputs"], len(m["rows"]), m["shared"]
+        sizes = {
+            "x": nx, "T": nodes * n, "before": n, "hold": n, "shared": shared, "force": 2, "goal": nodes * ny,
+            "weights": 2 * ny, "torque_weight": n, "rate_weight": n, "limits": 2 * rows, "linear": rows,
+            "square": rows, "fading": nodes,
+        }  # fmt: skip
+        found = np.zeros(self.arm.module.length("mpc_whole", "whole"))
+        self.arm.module.bind("mpc_whole", self._context, found).run()
+        parts = np.split(found, np.cumsum(list(sizes.values()))[:-1])
+        data = {name: part.tolist() for name, part in zip(sizes, parts, strict=True)}
+        limits = np.array(data.pop("limits")).reshape(rows, 2)
+        data |= {"low": limits[:, 0].tolist(), "high": limits[:, 1].tolist()}
+        data["goal"] = np.array(data["goal"]).reshape(nodes, ny).tolist()
+        data["weights"] = np.array(data["weights"]).reshape(2, ny).tolist()
+        data |= {
+            "grid": list(self.configuration.grid),
+            "period": [self.configuration["mpc.period"]],
+            "simple": m["simple"],
+        }
+        return Problem(data)
+
+    def sentence(self, status: int) -> str:
+        """What a status means."""
+        own = {int(code): text for code, text in self.arm.manifest["mpc"]["statuses"]}
+        return own.get(status) or super().sentence(status)

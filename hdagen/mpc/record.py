@@ -1,0 +1,94 @@
+"""What `hdagen simulate --controller mpc` writes beside the log, and what `hdagen mpc explain` reads: one row a
+tick."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hdagen import table
+from hdagen.log import LogError
+from hdagen.mpc.layout import FAMILIES
+from hdagen.mpc.trials import Trial
+from hdagen.plant import Arm, Array
+from hdagen.reference import Reference
+
+COLUMNS = (
+    "time",
+    "tip_x",
+    "tip_y",
+    "path_x",
+    "path_y",
+    "predicted_x",
+    "predicted_y",
+    "ahead",
+    "status",
+    "rung",
+    "interior",
+    "factored",
+    "prepare_time",
+    "tick_time",
+    "collision",
+    "innovation",
+    "tip_force_x",
+    "tip_force_y",
+)
+
+
+def beside(log: Path) -> Path:
+    """Where the controller's record of a log lies."""
+    return log.with_suffix(".mpc.parquet")
+
+
+def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) -> dict[str, Array]:
+    """One row a tick. ``predicted``: where the plan that was made ``ahead`` seconds before saw the tip now."""
+    from hdagen.mpc.controller import RUNGS
+
+    s, reports = found.simulation, found.reports
+    names = arm.manifest["mpc"]["state"]
+    node = len(grid) // 2
+    ahead = float(sum(grid[: node + 1]))
+    q = np.array([r.predicted[node] for r in reports])[
+        :, [names.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
+    ]
+    seen = arm.evaluate("points", q=q)["points"][:, -2:]
+    late = round(ahead / path.period)
+    predicted = np.full_like(seen, np.nan)
+    predicted[late:] = seen[: len(seen) - late] if late else seen
+    out: dict[str, Array] = {"time": path.time, "tip_x": s.tip[:, 0], "tip_y": s.tip[:, 1]}
+    goal = path.position if path.space == "tip" else arm.evaluate("points", q=path.position)["points"][:, -2:]
+    out |= {"path_x": goal[:, 0], "path_y": goal[:, 1], "predicted_x": predicted[:, 0], "predicted_y": predicted[:, 1]}
+    out |= {"ahead": np.full(len(seen), ahead), "status": s.status.astype(float)}
+    out |= {"rung": np.array([float(RUNGS.index(r.rung)) for r in reports])}
+    for name in ("interior", "factored", "collision", "innovation"):
+        out[name] = np.array([float(getattr(r, name)) for r in reports])
+    out |= {"prepare_time": found.times[:, 0], "tick_time": found.times[:, 1]}
+    out |= {"tip_force_x": s.push[:, 0], "tip_force_y": s.push[:, 1]}
+    for family in FAMILIES:
+        out[f"active_{family}"] = np.array([float(r.active[family]) for r in reports])
+        out[f"violated_{family}"] = np.array([max(0.0, r.violated[family]) for r in reports])
+    return {name: np.ascontiguousarray(values, float) for name, values in out.items()}
+
+
+def read(path: Path) -> dict[str, Array]:
+    """The record of a log, named by the log or by itself. Raises LogError."""
+    place = path if path.name.endswith(".mpc.parquet") else beside(path)
+    if not place.is_file():
+        raise LogError(
+            [
+                f"{place}: there is no record of the predictive controller; `hdagen simulate --controller mpc` "
+                f"writes one beside its log."
+            ]
+        )
+    expected = [*COLUMNS, *(f"{what}_{family}" for what in ("active", "violated") for family in FAMILIES)]
+    content = table.read_parquet(place, lambda name: name in expected).columns
+    missing = [name for name in expected if name not in content]
+    if missing:
+        raise LogError(
+            [
+                f"{place}: {', '.join(missing[:5])} missing; it is no record of the predictive controller: "
+                f"simulate again."
+            ]
+        )
+    return {name: np.asarray(content[name], float) for name in expected}

@@ -1,0 +1,52 @@
+"""`hdagen simulate --controller mpc`: a closed loop with its record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hdagen import table
+from hdagen.log import write
+from hdagen.mpc.configuration import Configuration
+from hdagen.mpc.controller import MPC
+from hdagen.mpc.record import beside, columns
+from hdagen.mpc.trials import Outcome, Trial, outcome, trial
+from hdagen.plant import Arm
+from hdagen.reference import Reference
+from hdagen.simulate import Push, Sensors
+
+
+def simulated(
+    arm: Arm, c: Configuration, path: Reference, pushes: Sequence[Push], sensors: Sensors, seed: int, out: Path
+) -> tuple[Trial, Outcome | None]:
+    """Run, write the log and the record beside it; the outcome where the admittance is the tip's. Raises PlantError,
+    LogError."""
+    controller = MPC(arm, c)
+    found = trial(arm, controller, path, pushes, sensors, c.walls, seed)
+    write(found.simulation.log, out)
+    table.write(columns(arm, found, path, c.grid), beside(out))
+    return found, outcome(arm, c, path, found, controller) if c["mpc.space"] == "tip" else None
+
+
+def lines(found: Trial, result: Outcome | None) -> list[str]:
+    """What to print of a run."""
+    times = 1e6 * found.times.sum(1)
+    active = np.mean([sum(r.active.values()) for r in found.reports])
+    out = [
+        f"ticks: {np.median(times):.0f} µs in the median, {np.quantile(times, 0.99):.0f} µs at 99 %; "
+        f"{active:.1f} limits active"
+    ]
+    if result is not None:
+        out.append(
+            f"tip against the ideal mass-damper-spring motion: {1e3 * result.distance:.3f} mm in the median, "
+            f"{1e3 * result.largest:.2f} mm at most"
+        )
+        broken = [f"{name} by {value:.3g}" for name, value in result.violated.items() if value > 0]
+        out.append(
+            f"limits exceeded: {', '.join(broken) if broken else 'none'}; contact force at most {result.contact:.1f} N"
+        )
+    refused = found.simulation.status < 0
+    out.append(f"ticks refused: {int(refused.sum())}")
+    return out

@@ -1,0 +1,100 @@
+"""The predictive controller's C: compiled alone, bit for bit what Python gets; no allocation; hostile ticks and
+problems."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpc_arms import built
+
+from hdagen.mpc.controller import MPC
+from hdagen.plant import Arm
+
+HERE = Path(__file__).parent
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic")
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return built()[0]
+
+
+@pytest.fixture(scope="module")
+def objects(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the controller's C compiled as firmware would, and its settings as a header; no warning in ours."""
+    folder = tmp_path_factory.mktemp("objects")
+    (folder / "mpc_settings.h").write_text(MPC(arm, built()[1]).header())
+    sources = sorted(f for f in arm.folder.glob("hda_*.c") if f.name != "hda_python.c")
+
+    def compiled(source: Path) -> str:
+        command = [gcc(), *FLAGS, "-c", str(source), "-o", str(folder / f"{source.stem}.o")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return "" if source.name.startswith("hda_osqp_") else done.stderr
+
+    with ThreadPoolExecutor(2) as pool:
+        assert "".join(pool.map(compiled, sources)) == ""
+    return folder
+
+
+def gcc() -> str:
+    """The compiler; skips where there is none."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("gcc is not installed here")
+    return compiler
+
+
+def program(folder: Path, arm: Arm, main: Path, objects: Path, *more: str) -> Path:
+    """The objects with a main."""
+    out = folder / main.stem
+    parts = sorted(str(f) for f in objects.glob("*.o"))
+    command = [gcc(), *FLAGS, *more, f"-I{arm.folder}", f"-I{objects}", str(main), *parts, "-lm", "-o", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_the_example_compiled_alone_gives_what_python_gets_bit_for_bit(arm: Arm, objects: Path, tmp_path: Path) -> None:
+    run = program(tmp_path, arm, arm.folder / "example_mpc.c", objects)
+    lines = subprocess.run([str(run)], capture_output=True, text=True, check=True).stdout.split("\n")[:-1]
+    theirs = np.array([[float(v) for v in line.split()] for line in lines])
+    assert theirs.shape == (300, 1 + arm.n)
+    c = built()[1]
+    controller = MPC(arm, c)
+    x, u = np.zeros(arm.nx), np.zeros(arm.nu)
+    for j in range(1, arm.n + 1):
+        x[arm.index(f"joint_position_{j}")] = 0.5
+        x[arm.index(f"motor_position_{j}")] = 0.5 * arm.parameters[f"ratio_{j}"]
+    tip = arm.evaluate("points", q=np.full(arm.n, 0.5))["points"][-2:]
+    controller.path[:] = np.r_[tip, 0.0, 0.0]
+    constants = np.array([arm.parameters[f"torque_constant_{j}"] for j in range(1, arm.n + 1)])
+    q, theta = (
+        slice(arm.index(f"{what}_position_1"), arm.index(f"{what}_position_1") + arm.n) for what in ("joint", "motor")
+    )
+    for k in range(300):
+        force = (10.0 if 50 <= k < 150 else 0.0, 0.0)
+        status = controller.tick(k * 1e-3, motor_position=x[theta], joint_position=x[q], tip_force=force)
+        assert [status, *controller.torque] == theirs[k].tolist(), k
+        controller.prepare()
+        u[: arm.n], u[arm.n] = controller.torque / constants, force[0]
+        for _ in range(2):
+            x = arm.step(x, u, exact=True)
+    assert np.abs(theirs[60:150, 1:]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    "ticks, problems", [(4000, 3000), pytest.param(1_000_000, 100_000, marks=pytest.mark.campaign)]
+)
+def test_hostile_ticks_and_problems_end_legally_and_nothing_allocates(
+    arm: Arm, objects: Path, tmp_path: Path, ticks: int, problems: int
+) -> None:
+    run = program(tmp_path, arm, HERE / "mpc_harness.c", objects, "-D_GNU_SOURCE", "-fno-builtin")
+    done = subprocess.run([str(run), str(ticks), str(problems)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert f"{ticks} ticks without an allocation" in done.stdout

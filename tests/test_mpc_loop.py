@@ -1,0 +1,104 @@
+"""Closed loops of the predictive controller: nearness to the ideal admittance, limits kept, estimator, fallbacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpc_arms import WALLS, built
+
+from hdagen.mpc.comparison import kept
+from hdagen.mpc.controller import MPC
+from hdagen.mpc.trials import Outcome, Trial, outcome, trial
+from hdagen.plant import Arm
+from hdagen.reference import circle
+from hdagen.simulate import Push, Sensors
+
+HARD = (Push(0.6, 1.2, (25.0, 0.0)), Push(1.5, 2.0, (0.0, 25.0)))
+
+
+@pytest.fixture(scope="module")
+def hard() -> tuple[Arm, Trial, Outcome]:
+    """A loop pushed hard against a wall that bears 20 N and a fixture."""
+    arm, c = built()
+    path = circle(0.05, (0.2, 0.0), 5.0, 2.5)
+    controller = MPC(arm, c)
+    found = trial(arm, controller, path, HARD, Sensors(), WALLS, seed=1)
+    return arm, found, outcome(arm, c, path, found, controller)
+
+
+def test_limits_hold_where_the_ideal_motion_would_break_them(hard: tuple[Arm, Trial, Outcome]) -> None:
+    arm, found, result = hard
+    assert result.refused == 0
+    assert kept(arm, built()[1], result), result.violated
+    assert 15.0 < result.contact < 25.0  # it presses, and not more than it may
+    assert result.largest > 0.02  # the ideal motion would have gone through the wall
+    assert max(r.active["wall"] for r in found.reports) > 3
+    assert max(r.active["tip_speed"] for r in found.reports) > 3
+
+
+def test_where_no_limit_is_near_the_tip_moves_as_the_ideal_admittance() -> None:
+    arm, c = built()
+    far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
+    c = c.changed(far, limits__tip_speed=1.0)
+    path = circle(0.05, (0.2, 0.0), 5.0, 2.0)
+    controller = MPC(arm, c)
+    found = trial(arm, controller, path, [Push(0.8, 1.3, (15.0, 0.0))], Sensors(), (), seed=1)
+    result = outcome(arm, c, path, found, controller)
+    assert result.distance < 1e-4
+    assert result.largest < 2e-3
+    assert (found.simulation.status >= 0).all()
+
+
+def test_the_estimator_is_consistent_and_finds_the_force(hard: tuple[Arm, Trial, Outcome]) -> None:
+    """Normalised innovations of 4 encoders: their mean is 4 where the noise is as stated; quantised readings and a
+    cautious model keep it below, never far above."""
+    _, found, _ = hard
+    innovation = np.array([r.innovation for r in found.reports])
+    assert np.mean(innovation) < 8.0
+    assert np.quantile(innovation, 0.99) < 40.0
+
+
+@pytest.mark.parametrize("size", [10.0, 20.0])
+def test_the_momentum_observer_follows_a_step_of_force(size: float) -> None:
+    """Its delay to half of the step, its bias on it, and no collision before it."""
+    arm, c = built()
+    far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
+    controller = MPC(arm, c.changed(far, limits__tip_speed=1.0))
+    path = circle(0.03, (0.2, 0.0), 5.0, 1.4)
+    found = trial(arm, controller, path, [Push(0.8, 1.4, (size, 0.0))], Sensors(), (), seed=3)
+    seen = np.array([r.observed_force[0] for r in found.reports])
+    half = int(np.argmax(seen[800:] > 0.5 * size))
+    assert 2 <= half <= 40
+    assert abs(np.mean(seen[1000:1200]) - size) < 0.3 * size
+    called = np.array([r.collision for r in found.reports])
+    assert not called[100:800].any()
+    assert called[800 : 800 + 60].any()
+
+
+def test_it_tracks_with_the_estimated_force_too() -> None:
+    arm, c = built()
+    far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
+    c = c.changed(far, admittance__force="estimate", limits__tip_speed=1.0)
+    path = circle(0.03, (0.2, 0.0), 5.0, 1.2)
+    controller = MPC(arm, c)
+    found = trial(arm, controller, path, [Push(0.6, 1.0, (10.0, 0.0))], Sensors(), (), seed=3)
+    assert (found.simulation.status >= 0).all()
+    assert outcome(arm, c, path, found, controller).distance < 3e-3
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+def test_a_delay_that_it_is_told_of_is_carried_over(delay: int) -> None:
+    arm, c = built()
+    far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
+    c = c.changed(far, mpc__delay=delay, limits__tip_speed=1.0)
+    path = circle(0.05, (0.2, 0.0), 5.0, 1.5)
+    controller = MPC(arm, c)
+    found = trial(arm, controller, path, [Push(0.8, 1.2, (10.0, 0.0))], Sensors(delay=delay), (), seed=2)
+    assert outcome(arm, c, path, found, controller).distance < 2e-4
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    arm, c = built()
+    path = circle(0.05, (0.2, 0.0), 5.0, 0.3)
+    one, other = (trial(arm, MPC(arm, c), path, HARD, Sensors(), WALLS, seed=5).simulation.torque for _ in range(2))
+    assert np.array_equal(one, other)

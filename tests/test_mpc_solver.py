@@ -1,0 +1,139 @@
+"""The solvers of the predictive controller against the installed OSQP, against each other, and against malice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpc_arms import built
+from mpc_problems import FREE, Sizes, by_osqp, condensed, price, random_problem
+
+from hdagen.mpc.timing import INTERIOR, OSQP, RICCATI, Solver
+from hdagen.plant import Arm
+
+SOLVED, CAPPED, REFUSED = 0, 1, -1
+
+
+def sizes_of(arm: Arm) -> Sizes:
+    m = arm.manifest["mpc"]
+    nx, rows = len(m["state"]), len(m["rows"])
+    return Sizes(arm.n, nx, m["nodes"], rows - 4 * arm.n, tuple(m["simple"]))
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return built()[0]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_first_torque_is_that_of_osqp_to_a_millionth(arm: Arm, seed: int) -> None:
+    sizes, solver = sizes_of(arm), Solver(arm)
+    problem = random_problem(sizes, np.random.default_rng(seed))
+    status = solver.solve(problem, RICCATI)
+    T = solver.solution[: sizes.nodes * sizes.n].reshape(-1, sizes.n).copy()
+    truth = by_osqp(sizes, problem)
+    if truth is not None and status == SOLVED:
+        assert np.abs(T[0] - truth[0]).max() < 1e-6
+        assert price(sizes, problem, T) <= price(sizes, problem, truth) + 1e-6
+    assert status in (SOLVED, CAPPED)
+
+
+def test_most_random_problems_are_solved(arm: Arm) -> None:
+    sizes, solver = sizes_of(arm), Solver(arm)
+    statuses = [solver.solve(random_problem(sizes, np.random.default_rng(seed)), RICCATI) for seed in range(100, 160)]
+    assert np.mean([status == SOLVED for status in statuses]) > 0.9
+
+
+def test_a_warm_start_ends_at_the_same_solution_with_less_work(arm: Arm) -> None:
+    sizes, solver = sizes_of(arm), Solver(arm)
+    cold, warm = [], []
+    for seed in range(20):
+        problem = random_problem(sizes, np.random.default_rng(seed))
+        if solver.solve(problem, INTERIOR) != SOLVED:
+            continue
+        known = solver.solution.copy()
+        cold.append(known[-3])
+        solver.solve(problem, RICCATI, known)
+        warm.append(solver.solution[-3])
+        assert np.abs(solver.solution[: sizes.n] - known[: sizes.n]).max() < 1e-6
+    assert len(cold) > 10
+    assert np.median(warm) < 0.5 * np.median(cold)
+
+
+def test_embedded_osqp_solves_the_same_problem(arm: Arm) -> None:
+    sizes, solver = sizes_of(arm), Solver(arm)
+    compared = 0
+    for seed in range(12):
+        problem = random_problem(sizes, np.random.default_rng(seed))
+        if solver.solve(problem, RICCATI) != SOLVED:
+            continue
+        ours = solver.solution[: sizes.n].copy()
+        if solver.solve(problem, OSQP, None, 1e-7, 100_000) == SOLVED:
+            compared += 1
+            assert np.abs(solver.solution[: sizes.n] - ours).max() < 1e-3
+    assert compared > 5
+
+
+@pytest.mark.parametrize("which", [RICCATI, OSQP, INTERIOR])
+@pytest.mark.parametrize(
+    "malice", ["nan", "infinite", "huge", "crossed", "negative weight", "negative penalty", "soft input"]
+)
+def test_what_cannot_be_solved_with_is_refused_and_the_solution_stays(arm: Arm, which: int, malice: str) -> None:
+    sizes, solver = sizes_of(arm), Solver(arm)
+    problem = random_problem(sizes, np.random.default_rng(1))
+    q = sizes.split(problem)
+    match malice:
+        case "nan":
+            q["A"][3, 1, 2] = np.nan
+        case "infinite":
+            q["h"][0, 0] = np.inf
+        case "huge":
+            q["first"][0] = 1e30
+        case "crossed":
+            q["low"][2, 5], q["high"][2, 5] = 1.0, -1.0
+        case "negative weight":
+            q["R"][1, 0] = -1.0
+        case "negative penalty":
+            q["linear"][1, -1] = -1.0
+        case "soft input":
+            q["linear"][0, 0] = 1.0
+    start = np.full_like(solver.solution, 0.25)
+    assert solver.solve(problem, which, start) == REFUSED
+    assert np.array_equal(solver.solution, start)
+
+
+def test_after_a_refused_problem_osqp_is_not_poisoned(arm: Arm) -> None:
+    sizes, solver = sizes_of(arm), Solver(arm)
+    problem = random_problem(sizes, np.random.default_rng(2))
+    assert solver.solve(problem, OSQP, None, 1e-5, 50_000) == SOLVED
+    first = solver.solution[: sizes.n].copy()
+    broken = problem.copy()
+    sizes.split(broken)["h"][0, 0] = np.nan
+    assert solver.solve(broken, OSQP) == REFUSED
+    assert solver.solve(problem, OSQP, None, 1e-5, 50_000) == SOLVED
+    assert np.abs(solver.solution[: sizes.n] - first).max() < 1e-2
+    assert np.isfinite(solver.solution).all()
+    assert np.abs(solver.solution).max() < 1e8  # never OSQP's number for no solution
+
+
+def test_out_of_iterations_is_not_called_solved(arm: Arm) -> None:
+    sizes, solver = sizes_of(arm), Solver(arm)
+    problem = random_problem(sizes, np.random.default_rng(3))
+    status = solver.solve(problem, OSQP, None, 1e-9, 5)
+    assert status != SOLVED
+    if status == CAPPED:
+        q = sizes.split(problem)
+        T = solver.solution[: sizes.nodes * sizes.n].reshape(-1, sizes.n)
+        assert (q["high"][:, : sizes.n] >= T).all()
+        assert (q["low"][:, : sizes.n] <= T).all()
+
+
+def test_an_unlimited_problem_is_solved_by_one_factorisation(arm: Arm) -> None:
+    sizes, solver = sizes_of(arm), Solver(arm)
+    problem = random_problem(sizes, np.random.default_rng(4))
+    q = sizes.split(problem)
+    q["low"][:], q["high"][:] = -2 * FREE, 2 * FREE
+    assert solver.solve(problem, RICCATI) == SOLVED
+    assert solver.solution[-3] == 1
+    P, g, _, _ = condensed(sizes, q)
+    T = np.linalg.solve(P, -g)
+    assert np.abs(solver.solution[: T.size] - T).max() < 1e-8 * max(1.0, np.abs(T).max())
