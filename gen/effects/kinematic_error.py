@@ -25,11 +25,11 @@ EFFECT = Effect(
     name="kinematic_error",
     port=Port.TORSION,
     parameters=tuple(
-        Parameter(name, "rad", 0.0, -2e-3, 2e-3, "amplitude at the joint", typical=3e-4) for name in NAMES
+        Parameter(name, "rad", 0.0, -2e-3, 2e-3, "amplitude at the joint", typical=1.5e-4) for name in NAMES
     ),
     amplitudes=NAMES,
     equation=angle,
     citation="Tuttle, Seering, Nonlinear model of a harmonic drive, IEEE Trans. Robot. Autom. 12 (1996) 368; "
-    "size: 1 arcmin, Harmonic Drive, CSG/CSF catalogue (2018)",
+    "size: 1 arcmin from peak to peak, Harmonic Drive, CSG/CSF catalogue (2018)",
     rigid=False,
 )

@@ -55,9 +55,9 @@ class Decision:
 
 
 def sizes(fit: Fitted) -> dict[str, float]:
-    """Of the effects that are free, by name, in usual sizes."""
+    """Of the effects that are free, by name, in usual sizes: what its sines and cosines come to together."""
     words, mean = fit.design.words, fit.posterior[0]
-    return {words.atoms[k].name: float(np.abs(mean[words.free((k,))]).max()) for k in fit.atoms}
+    return {words.atoms[k].name: float(np.linalg.norm(mean[words.free((k,))])) for k in fit.atoms}
 
 
 def decide(search: Search) -> Decision:
