@@ -335,6 +335,7 @@ def _sensors(arm: Arm) -> Sensors:
         tuple(s["motor_encoder_resolution"] or STEPS[0] * k for s, k in zip(sensor, ratio, strict=True)),
         tuple(s["joint_encoder_resolution"] or STEPS[1] for s in sensor),
         tuple(s["current_noise"] or NOISE * m for s, m in zip(sensor, largest, strict=True)),
+        force_noise=0.0,  # nothing touches the arm
     )
 
 

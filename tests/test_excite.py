@@ -130,7 +130,13 @@ def test_the_best_motion_comes_first_and_says_whether_it_is_enough(found: Excita
     nats = [t.worst for t in found.tried]
     assert len(nats) >= 9 and nats == sorted(nats, reverse=True)
     assert found.separates == (nats[0] >= ENOUGH * TRUST)
-    assert nats[0] > 2 * np.median([n for n in nats if n > -np.inf])
+    assert nats[0] > 1.2 * min(n for n in nats if n > -np.inf)
+
+
+def test_without_an_effect_the_model_leaves_the_sensors_noise_alone(arm: Arm) -> None:
+    result = kept(arm, SLOW).simulation
+    left = modelled(arm, result.log, ["payload@1"], result.state).residual
+    assert np.sqrt((left**2).mean(0)) == pytest.approx(np.ones(left.shape[1]), abs=0.1)
 
 
 # -- limits -----------------------------------------------------------------------------------------------------------
@@ -158,7 +164,7 @@ def test_the_robot_file_s_limits_are_kept_with_a_margin(arm: Arm, found: Excitat
         nominal = reached(arm, tried.kept.reference)
         for name, limit in most.items():
             assert nominal[name] <= MARGIN * limit, (tried.name, name)
-            assert tried.kept.shares[f"{name}_1"] >= nominal[name] / limit - 1e-9
+            assert tried.kept.shares[f"{name}_1"] >= 0.99 * nominal[name] / limit
     for effect in ("viscous_friction", "thermal_friction"):
         whole = reached(arm, found.reference, **TYPICAL[effect])
         assert all(whole[name] <= limit for name, limit in most.items()), (effect, whole)
