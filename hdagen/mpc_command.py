@@ -135,8 +135,10 @@ def _print_runs(runs: list[RandomRun]) -> None:
 
     legal, kept = sum(one.legal for one in runs), sum(one.kept for one in runs)
     print(f"random runs: {len(runs)}; inputs legal in {legal}, soft limits kept to what is allowed in {kept}")
-    ours = np.array([one.predictive.free_distance for one in runs])
-    theirs = np.array([one.admittance.free_distance for one in runs])
+    for name in runs[0].predictive.violated:
+        print(f"  largest excess of {name}: {max(one.predictive.violated[name] for one in runs):.3g}")
+    ours = np.array([one.free.distance for one in runs])
+    theirs = np.array([one.admittance.distance for one in runs])
     where = f"mpc {1e3 * np.median(ours):.3f} mm, admittance {1e3 * np.median(theirs):.3f} mm"
     print(f"median distance where no limit is near: {where}; largest ratio of a run {np.max(ours / theirs):.2f}")
 

@@ -23,10 +23,10 @@ def folder() -> Path:
 
 @cache
 def built(
-    robot: str = "paper", profile: str = "portable", nodes: int = 20, space: str = "tip", walls: int = 2
+    robot: str = "paper", profile: str = "portable", nodes: int = 20, space: str = "tip", walls: int = 2, **more: float
 ) -> tuple[Arm, Configuration]:
     """An arm and a configuration that fits it; ``walls`` of them (far away beyond two)."""
     c = checked({"mpc": {"nodes": nodes, "space": space}, "limits": {"tip_speed": 0.15, "sudden": 0.035}}, "test")
     far = tuple(Wall((1.0, 0.0), 10.0 + k) for k in range(max(0, walls - 2)))
-    c = c.changed((*WALLS[:walls], *far))
+    c = c.changed((*WALLS[:walls], *far), **more)
     return load(robot, profile, out=folder(), mpc=c), c

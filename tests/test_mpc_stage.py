@@ -11,7 +11,7 @@ from mpc_problems import Sizes
 from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import trial
 from hdagen.plant import Arm
-from hdagen.reference import circle
+from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors
 
 NODE_ERROR = (2e-5, 3e-4)  # rad at the joints, median and largest, of a node of 10 ms, against steps of 0.5 ms
@@ -105,3 +105,15 @@ def test_other_sizes_run_the_loop_too(nodes: int, space: str, walls: int) -> Non
     found = trial(arm, MPC(arm, c), path, [Push(0.2, 0.4, (5.0, 0.0))], Sensors(), (), seed=0)
     assert (found.simulation.status >= 0).all()
     assert np.mean([r.solved == 0 for r in found.reports]) > 0.98
+
+
+def test_a_rigid_sliding_joint_follows_its_path() -> None:
+    arm, c = built("emps", nodes=8, space="joint", walls=1, limits__motor_torque=200.0, limits__torque_rate=1e4)
+    time = np.arange(500) * 1e-3
+    way = 0.05 * (1 - np.cos(2 * np.pi * time / 1.6))
+    speed = np.gradient(way, 1e-3)
+    path = Reference("joint", 1e-3, way[:, None], speed[:, None], np.gradient(speed, 1e-3)[:, None])
+    stiff = c.changed(c.walls, admittance__mass=100.0, admittance__damping=500.0, limits__tip_speed=1.0)
+    found = trial(arm, MPC(arm, stiff), path, (), Sensors(), start=np.zeros(1))
+    assert (found.simulation.status >= 0).all()
+    assert np.abs(found.simulation.state[:, 0] - way).max() < 2e-3

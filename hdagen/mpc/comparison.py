@@ -57,11 +57,12 @@ class Comparison:
 
 @dataclass(frozen=True)
 class RandomRun:
-    """One random run: distances of both controllers where no limit is near, and the predictive one's excesses."""
+    """One random run: the predictive controller among its limits, and both controllers with no limit near."""
 
     seed: int
     delay: int
     predictive: Outcome
+    free: Outcome
     admittance: Outcome
     legal: bool
     kept: bool
@@ -108,6 +109,9 @@ def random_runs(count: int, tuned: dict[str, float], profile: str = "native", fi
     c = default()
     arm, plant = load("paper", profile, mpc=c), load("paper", profile, mpc=c)
     limits = c.changed(WALLS, mpc__delay=2)
+    far = c.changed(
+        tuple(replace(w, offset=10.0) for w in WALLS), mpc__delay=2, limits__tip_speed=1.0, limits__sudden=0.0
+    )
     predictive = MPC(arm, limits)
     admittance = Controller(arm, LAWS[1], predictive.guard, gains_of(c) | tuned)
     path = circle(RADIUS, CENTER, TURN, 4.0, float(c["mpc.period"]))
@@ -116,13 +120,18 @@ def random_runs(count: int, tuned: dict[str, float], profile: str = "native", fi
         _vary(plant, random)
         delay = int(random.integers(DELAYS[0], DELAYS[1] + 1))
         pushes = _pushes(random)
+        predictive.configure_with(limits)
         hard = trial(plant, predictive, path, pushes, Sensors(delay=delay), WALLS, seed=seed)
         ours = outcome(plant, limits, path, hard, predictive)
+        predictive.configure_with(far)
+        free = outcome(
+            plant, far, path, trial(plant, predictive, path, pushes, Sensors(delay=delay), (), seed=seed), predictive
+        )
         found = trial(plant, admittance, path, pushes, Sensors(delay=delay), (), seed=seed)
-        theirs = outcome(plant, limits, path, found, admittance)
+        theirs = outcome(plant, far, path, found, admittance)
         torque, most = hard.simulation.torque, np.array(_torques(arm))
         legal = bool(np.isfinite(torque).all() and (np.abs(torque) <= most + 1e-12).all())
-        yield RandomRun(seed, delay, ours, theirs, legal, kept(arm, limits, ours))
+        yield RandomRun(seed, delay, ours, free, theirs, legal, kept(arm, limits, ours))
 
 
 def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:

@@ -56,7 +56,7 @@ typedef struct hda_mpc_settings {
     double by_sensor;                /* 1: the tip force is measured; 0: estimated */
     double decay;                    /* 1/s, of the tip force over the horizon */
     double terminal;                 /* factor of the tracking weights at the last node */
-    double weight_position, weight_velocity, weight_posture, weight_torque, weight_rate; /* 1/m^2 (1/rad^2), s^2/m^2, s^2/rad^2, 1/(N m)^2, 1/(N m)^2 */
+    double weight_position, weight_velocity, weight_posture, weight_torque, weight_rate; /* 1/m^2 (1/rad^2), s^2/m^2, s^2/rad^2; torques as shares of the largest */
     double penalty_linear, penalty_square; /* of a soft limit, per share of the limit */
     double tip_speed;                /* m/s */
     double margin;                   /* share of soft limits that is kept free */

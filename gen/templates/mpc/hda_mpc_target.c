@@ -95,9 +95,8 @@ void hda_mpc_constants(hda_mpc *k) {
         k->output_weight[1][m] = k->weight * weight * s->terminal;
     }
     for (int e = 0; e < N * NU; e++) {
-        const double unit = full[e % NU];
-        k->qp.R[e] = k->weight * s->weight_torque * unit * unit;
-        k->qp.D[e] = k->weight * s->weight_rate * unit * unit;
+        k->qp.R[e] = k->weight * s->weight_torque; /* torques are shares of the motor's largest */
+        k->qp.D[e] = k->weight * s->weight_rate;
     }
     rows(k);
     penalties(k);
