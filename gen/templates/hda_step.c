@@ -160,12 +160,14 @@ static void margins(const double *x, const double *u, const double *c, const dou
 }
 
 /* The joint that changes first within the step, -1 if none, and after which share of it, by straight lines; the share is -1 for
- * a joint that has just moved off and turned back. */
+ * a joint that has just moved off and turned back, and for one that rests though it is overloaded: where friction is more the
+ * way it is pushed than at rest it would be pulled back at once. */
 static int first_change(const double *before, const double *after, const double *s, const int *decided, double *share) {
     int which = -1;
     for (int j = 0; j < HDA_N; j++) {
         if (!(after[j] < 0.0) || (s[j] == 0.0 && decided[j] == HELD)) continue;
-        const double own = s[j] != 0.0 && before[j] == 0.0 ? -1.0 : before[j] / (before[j] - after[j]);
+        const int stays = before[j] < 0.0 || (s[j] != 0.0 && before[j] == 0.0);
+        const double own = stays ? -1.0 : before[j] / (before[j] - after[j]);
         if (which < 0 || own < *share) {
             which = j;
             *share = own;
