@@ -10,7 +10,7 @@ import hashlib
 import secrets
 from pathlib import Path
 
-MOST = 256  # objects that are kept, the newest
+MOST = 512  # objects that are kept, the newest
 
 
 def key(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
@@ -42,9 +42,16 @@ def keep(kept: Path, name: str, content: bytes) -> None:
     part = kept / f".{secrets.token_hex(8)}"
     part.write_bytes(content)
     part.replace(path)
-    by_age = sorted(kept.glob("*.o"), key=lambda p: p.stat().st_mtime)
-    for old in by_age[:-MOST]:
+    for old in sorted(kept.glob("*.o"), key=_age)[:-MOST]:
         old.unlink(missing_ok=True)
+
+
+def _age(path: Path) -> float:
+    """When it was made; what another thread has just thrown away counts as new."""
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return float("inf")
 
 
 def _hash(content: bytes) -> str:
