@@ -91,8 +91,8 @@ def decide(search: Search) -> Decision:
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
         hypotheses.sort(key=lambda h: -h.probability)
-    best = left if unknown > 0.5 else fits.get(order[0]) or left
-    verdict = (f"unknown@{joint}",) if unknown > 0.5 else order[0]
+    verdict = hypotheses[0].names
+    best = hypotheses[0].fit or left
     return Decision(tuple(hypotheses), verdict, best)
 
 
