@@ -44,6 +44,12 @@ class Atom:
         """name@joint as diagnosis.json writes it."""
         return f"{self.effect}@{self.joint}"
 
+    def shape(self, arm: Arm, p: Array) -> None:
+        """Put its shapes into the parameters ``p`` (np), in place."""
+        names = list(arm.parameters.described)
+        for name, value in self.shapes.items():
+            p[names.index(name)] = value
+
 
 @dataclass(frozen=True)
 class Column:

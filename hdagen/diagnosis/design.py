@@ -168,9 +168,7 @@ def _moved(shooting: Shooting, words: Dictionary, point: Point, column: Column) 
     described = list(shooting.arm.parameters.described.values())
     q, p, step = described[column.index], point.p.copy(), column.step
     if column.atom >= 0 and words.atoms[column.atom].name not in words.meant:
-        names = list(shooting.arm.parameters.described)
-        for name, value in words.atoms[column.atom].shapes.items():
-            p[names.index(name)] = value
+        words.atoms[column.atom].shape(shooting.arm, p)
     if not q.low <= p[column.index] + step * column.unit <= q.high:
         step = -step
     p[column.index] += step * column.unit

@@ -8,7 +8,7 @@ Legend: θ parameters in usual sizes; s size of unexplained torque; κ scale of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,10 @@ class Fitted:
     unexplained: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
     clean: float  # log evidence that it would have if it left noise alone
 
+    def bare(self) -> Fitted:
+        """What a decision needs of it, without the columns, which would fill the memory."""
+        return replace(self, design=self.design.bare())
+
     @property
     def names(self) -> tuple[str, ...]:
         """Its effects as name@joint, sorted; empty for none."""
@@ -50,10 +54,9 @@ def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, st
     if start is not None:
         there = own.moved(start)
         return _scored(renewed(there, words.about(at.shooting.arm, atoms, start.p), start), atoms, near)
-    names, p = list(at.shooting.arm.parameters.described), at.point.p.copy()
+    p = at.point.p.copy()
     for k in atoms:
-        for name, value in words.atoms[k].shapes.items():
-            p[names.index(name)] = value
+        words.atoms[k].shape(at.shooting.arm, p)
     own.point = Point(p, at.point.begun)
     return _scored(own, atoms, near)
 
@@ -131,8 +134,3 @@ def placed(at: Design, theta: Array, begun: Array) -> Point:
         q = described[c.index]
         p[c.index] = min(max(c.center + float(value) * c.unit, q.low), q.high)
     return Point(p, begun)
-
-
-def rms(at: Design) -> Array:
-    """Of each channel, in units of noise (M)."""
-    return np.asarray(np.sqrt((at.residual**2).mean(0)).round(2))

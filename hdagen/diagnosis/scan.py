@@ -63,15 +63,14 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
     if len(columns) > 1 and (not atom.shapes or "order" in "".join(atom.shapes)):
         return []  # a sine and a cosine are as good as linear
     arm = at.shooting.arm
-    names, described = list(arm.parameters.described), list(arm.parameters.described.values())
+    described = list(arm.parameters.described.values())
     found = []
     for c in columns:
         for size in dict.fromkeys((*SIZES, c.step)):
             value = at.point.p[c.index] + size * c.unit
             if described[c.index].low <= value <= described[c.index].high:
                 p = at.point.p.copy()
-                for name, shape in atom.shapes.items():
-                    p[names.index(name)] = shape
+                atom.shape(arm, p)
                 p[c.index] = value
                 begun = at.point.begun
                 if atom.place == "sensor":  # the windows begin where the encoders say

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -89,7 +89,7 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
             moved.append(advanced(f, words))
         moved, after = _ordered(moved), sizes[number] if number < len(sizes) else len(moved)
         field = [f for place, f in enumerate(moved) if not f.atoms or place < after]
-        out += [replace(f, design=f.design.bare()) for f in moved if f not in field]
+        out += [f.bare() for f in moved if f not in field]
     best = [f for place, f in enumerate(_ordered(field)) if not f.atoms or place < SETTLING]
     rest = [f for f in field if f not in best]
     return _ordered([*out, *rest, *(_settled(f, words) for f in best)])
@@ -120,8 +120,8 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
 
 
 def _bare(fits: Sequence[Fitted]) -> list[Fitted]:
-    """The best whole, of the others only what a decision needs: their columns would fill the memory."""
-    return [f if not place else replace(f, design=f.design.bare()) for place, f in enumerate(fits)]
+    """The best whole, of the others only what a decision needs."""
+    return [f.bare() if place else f for place, f in enumerate(fits)]
 
 
 def _ordered(fits: Sequence[Fitted]) -> list[Fitted]:
