@@ -84,7 +84,7 @@ def decide(search: Search) -> Decision:
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
     left = search.fitted[0]  # what even the best of all leaves
-    strange = max(left.score.at.s / UNKNOWN[0], np.sqrt(left.score.at.kappa2) / UNKNOWN[1]) ** 2
+    strange = max(left.score.at.s / UNKNOWN[0], np.sqrt(left.score.at.level) / UNKNOWN[1]) ** 2
     unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE else 0.0
     hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), fits.get(names)) for names in order]
     joint = int(np.argmax(left.unexplained)) + 1

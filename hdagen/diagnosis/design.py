@@ -44,10 +44,11 @@ class Design:
 
     def linear(self) -> Linear:
         """The cross products with the residual as it would be at nominal parameters."""
-        head, M = self.shooting.m + self.k, self.residual.shape[1]
-        r = self.residual.reshape(-1) + self.words.theta(self.point.p) @ self.columns[head:]
+        head = self.shooting.m + self.k
+        theta, edges = self.words.theta(self.point.p), self.edges
+        r = self.residual.reshape(-1) + theta @ self.columns[head:]
         z = np.stack([self.columns[:, part] @ r[part] for part in self.parts])
-        return Linear(self.gram, z, np.add.reduceat(r**2, self.edges[:-1]), len(self.residual) * M)
+        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), np.diff(edges), theta)
 
     @property
     def edges(self) -> np.ndarray:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import SLAB, Atom, Dictionary
+from hdagen.diagnosis.candidates import ORDER, SLAB, Atom, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen
-from hdagen.diagnosis.evidence import posterior
+from hdagen.diagnosis.evidence import settled
 from hdagen.diagnosis.shooting import THREADS, Lane
 from hdagen.plant import Array
 
@@ -60,14 +60,14 @@ def scan(at: Design, words: Dictionary, lead: tuple[int, ...] = ()) -> dict[int,
 def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]:
     """Points with the atom at each of its sizes that its bounds allow, one of its amplitudes at a time."""
     columns = [c for c in words.columns if c.atom == k]
-    if len(columns) > 1 and (not atom.shapes or "order" in "".join(atom.shapes)):
+    if len(columns) > 1 and (not atom.shapes or ORDER in "".join(atom.shapes)):
         return []  # a sine and a cosine are as good as linear
     arm = at.shooting.arm
     described = list(arm.parameters.described.values())
     found = []
     for c in columns:
         for size in dict.fromkeys((*SIZES, c.step)):
-            value = at.point.p[c.index] + size * c.unit
+            value = c.center + size * c.unit
             if described[c.index].low <= value <= described[c.index].high:
                 p = at.point.p.copy()
                 atom.shape(arm, p)
@@ -81,9 +81,4 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
 
 def _evidence(base: Design) -> float:
     linear, spike = base.linear(), base.words.spike
-    values = []
-    for s in TORQUES:
-        reduced = linear.reduced(s)
-        first = posterior(reduced, spike, s, 1.0)
-        values += [first.evidence, posterior(reduced, spike, s, max(first.left, 1.0)).evidence]
-    return float(np.max(values))
+    return max(settled(linear, spike, s).evidence for s in TORQUES)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.candidates import TOLERATED, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
 from hdagen.diagnosis.fitting import Fitted, advanced, begun
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.starts import suggested
+from hdagen.diagnosis.starts import Suggested, suggested
 
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
@@ -42,7 +42,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     shown = suggested(shooting.arm, shooting.record)
     words = dictionary(shooting.arm, with_orders(shooting, dictionary(shooting.arm, shown), shown))
     say(f"screening {len(words.atoms)} candidates")
-    at = design(shooting, words, Point(*shooting.begin()))
+    at = design(shooting, words, first(shooting, words, shown))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
     screened = score(posteriors(at.linear(), words.spike), words, singles)
     starts = scan(at, words)
@@ -57,6 +57,17 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
             break
         lead, fitted = fitted[0], _bare(fitted)
     return Search(words, tuple(fitted), tuple(screened))
+
+
+def first(shooting: Shooting, words: Dictionary, shown: Suggested) -> Point:
+    """Where every hypothesis begins: the robot file's own numbers, with what can be read off the log as far as it is
+    tolerated."""
+    p = shooting.arm.p.copy()
+    for c in words.columns:
+        if c.parameter in shown.seen and c.atom >= 0 and words.atoms[c.atom].first:
+            size = (shown.seen[c.parameter] - c.center) / c.unit
+            p[c.index] = c.center + float(np.clip(size, -TOLERATED * c.spike, TOLERATED * c.spike)) * c.unit
+    return Point(p, shooting.begun(p))
 
 
 def _promising(
@@ -96,13 +107,13 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
 
 
 def _clean(fit: Fitted) -> bool:
-    return fit.score.at.s <= CLEAN[0] and fit.score.at.kappa2 <= CLEAN[1]
+    return fit.score.at.s <= CLEAN[0] and fit.score.at.level <= CLEAN[1]
 
 
 def _settled(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis that goes on as long as it gets better."""
     for _ in range(LONGEST):
-        further = advanced(fit, words, every=not _clean(fit))
+        further = advanced(fit, words, every=True)
         if further.score.evidence < fit.score.evidence + SETTLED:
             return fit if further.score.evidence < fit.score.evidence else further
         fit = further
