@@ -57,7 +57,8 @@ class Atom:
 @dataclass(frozen=True)
 class Column:
     """A parameter to move: its place in p, where θ is 0, unit of θ, spike width in units, the atom whose amplitude it
-    is (−1: none); ``base``: refitted in every hypothesis, as keys of the robot file and shapes of what is free are."""
+    is (−1: none); ``base``: refitted in every hypothesis, as keys of the robot file and shapes of what is free are;
+    ``seen``: θ as read off the log before any fit (0: it is not)."""
 
     parameter: str
     index: int
@@ -67,6 +68,7 @@ class Column:
     atom: int
     base: bool
     step: float = STEP
+    seen: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +161,7 @@ def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
                     Atom(effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number)
                 )
                 columns += [
-                    _column(raw[name], place[name], len(atoms) - 1, not number, suggested.sizes.get(name))
+                    _column(raw[name], place[name], len(atoms) - 1, not number, suggested)
                     for name in names
                 ]
     owned = {c.parameter for c in columns}
@@ -176,9 +178,10 @@ def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
     return [tuple(s[k % len(s)] for s in starts) for k in range(count)]
 
 
-def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, size: float | None) -> Column:
-    unit, base = float(q["typical"]), q["role"] == "base"
-    tolerance = q["tolerance"] * abs(q["nominal"]) / unit
-    spike = math.hypot(tolerance, SPIKE) if first else SILENT
-    step = STEP if size is None else size / unit
-    return Column(str(q["name"]), index, float(q["nominal"]), unit, spike, atom, base and first, step)
+def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, suggested: Suggested) -> Column:
+    name, unit, base = str(q["name"]), float(q["typical"]), q["role"] == "base"
+    nominal = float(q["nominal"])
+    spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SPIKE) if first else SILENT
+    step = suggested.sizes[name] / unit if name in suggested.sizes else STEP
+    seen = (suggested.seen[name] - nominal) / unit if first and name in suggested.seen else 0.0
+    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen)

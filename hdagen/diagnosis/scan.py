@@ -6,6 +6,7 @@ every effect is put into the model at a few sizes of either sign, with the base 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,7 @@ from hdagen.diagnosis.shooting import THREADS, Lane
 from hdagen.plant import Array
 
 SIZES = (-2.0, -0.7, 0.7, 2.0)  # usual sizes
+SEEN = 0.1  # usual sizes of what was read off, from which it is tried
 TORQUES = (0.03, 1.0)  # sizes of unexplained torque
 
 
@@ -58,25 +60,32 @@ def scan(at: Design, words: Dictionary, lead: tuple[int, ...] = ()) -> dict[int,
 
 
 def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]:
-    """Points with the atom at each of its sizes that its bounds allow, one of its amplitudes at a time."""
+    """Points with the atom as it was read off, and at each of its sizes that its bounds allow, one of its amplitudes at
+    a time."""
     columns = [c for c in words.columns if c.atom == k]
-    if len(columns) > 1 and (not atom.shapes or ORDER in "".join(atom.shapes)):
-        return []  # a sine and a cosine are as good as linear
-    arm = at.shooting.arm
-    described = list(arm.parameters.described.values())
+    described = list(at.shooting.arm.parameters.described.values())
     found = []
+    if np.linalg.norm([c.seen for c in columns]) >= SEEN:
+        found.append(_put(at, atom, {c.index: c.center + c.seen * c.unit for c in columns}))
+    if len(columns) > 1 and (not atom.shapes or ORDER in "".join(atom.shapes)):
+        return found  # a sine and a cosine are as good as linear
     for c in columns:
         for size in dict.fromkeys((*SIZES, c.step)):
             value = c.center + size * c.unit
             if described[c.index].low <= value <= described[c.index].high:
-                p = at.point.p.copy()
-                atom.shape(arm, p)
-                p[c.index] = value
-                begun = at.point.begun
-                if atom.place == "sensor":  # the windows begin where the encoders say
-                    begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
-                found.append(Point(p, begun))
+                found.append(_put(at, atom, {c.index: value}))
     return found
+
+
+def _put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
+    """The point of ``at`` with the atom's shapes and parameters at ``values``."""
+    p, begun = at.point.p.copy(), at.point.begun
+    atom.shape(at.shooting.arm, p)
+    for index, value in values.items():
+        p[index] = value
+    if atom.place == "sensor":  # the windows begin where the encoders say
+        begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
+    return Point(p, begun)
 
 
 def _evidence(base: Design) -> float:

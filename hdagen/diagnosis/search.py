@@ -14,7 +14,7 @@ from hdagen.diagnosis.fitting import Fitted, advanced, begun
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.starts import Suggested, suggested
+from hdagen.diagnosis.starts import suggested
 
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
@@ -42,7 +42,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     shown = suggested(shooting.arm, shooting.record)
     words = dictionary(shooting.arm, with_orders(shooting, dictionary(shooting.arm, shown), shown))
     say(f"screening {len(words.atoms)} candidates")
-    at = design(shooting, words, first(shooting, words, shown))
+    at = design(shooting, words, first(shooting, words))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
     screened = score(posteriors(at.linear(), words.spike), words, singles)
     starts = scan(at, words)
@@ -59,14 +59,13 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     return Search(words, tuple(fitted), tuple(screened))
 
 
-def first(shooting: Shooting, words: Dictionary, shown: Suggested) -> Point:
-    """Where every hypothesis begins: the robot file's own numbers, with what can be read off the log as far as it is
+def first(shooting: Shooting, words: Dictionary) -> Point:
+    """Where every hypothesis begins: the robot file's own numbers, with what was read off the log as far as it is
     tolerated."""
     p = shooting.arm.p.copy()
     for c in words.columns:
-        if c.parameter in shown.seen and c.atom >= 0 and words.atoms[c.atom].first:
-            size = (shown.seen[c.parameter] - c.center) / c.unit
-            p[c.index] = c.center + float(np.clip(size, -TOLERATED * c.spike, TOLERATED * c.spike)) * c.unit
+        if c.seen:
+            p[c.index] = c.center + float(np.clip(c.seen, -TOLERATED * c.spike, TOLERATED * c.spike)) * c.unit
     return Point(p, shooting.begun(p))
 
 

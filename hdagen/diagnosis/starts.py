@@ -95,7 +95,7 @@ def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Ar
     terms = {
         f"encoder_bias_{j}": -np.ones_like(angle),
         f"eccentricity_sine_{j}": -np.sin(angle),
-        f"eccentricity_cosine_{j}": 1.0 - np.cos(angle),
+        f"eccentricity_cosine_{j}": -np.cos(angle),
         f"sensor_delay_{j}": v[:, j - 1],
         f"backlash_angle_{j}": 0.5 * np.sign(tau),
     }
