@@ -237,20 +237,34 @@ class Arm:
         return x
 
     def windows(
-        self, begun: ArrayLike, edges: ArrayLike, u: Array, dt: Array, most: float, limit: Array, jump: Array | None
+        self,
+        begun: ArrayLike,
+        edges: ArrayLike,
+        u: ArrayLike,
+        dt: ArrayLike,
+        most: float,
+        limit: Array,
+        jump: Array | None = None,
+        c: Array | None = None,
     ) -> Array:
         """States (R, nx) in the rows of windows that each begin anew, set-valued friction.
 
         Window w is the rows edges[w] = (first, end) of u (T, nu) and begins with the positions and velocities
-        ``begun[w]`` and with the effects' own states as the window before left them (0 where it ended elsewhere).
+        ``begun[w]`` (m) and with the effects' own states as the window before left them (0 where it ended elsewhere).
         ``jump`` (T, nx) is added to the state in each row. Where |x| would leave ``limit`` (nx) the window stays.
+
+        With ``c`` (L, nc), the constants of L lanes, all lanes at once: begun (L, W, m), u (L, T, nu), jump (L, T, nx)
+        -> (L, R, nx).
         """
-        first = np.ascontiguousarray(begun, float)
         rows = np.ascontiguousarray(edges, np.int32)
-        added = np.zeros((len(u), self.nx)) if jump is None else np.ascontiguousarray(jump, float)
-        x = np.empty((int((rows[:, 1] - rows[:, 0]).sum()), self.nx))
-        times = np.ascontiguousarray(dt, float)
-        self.module.windows(first, rows, np.ascontiguousarray(u), self.c, times, added, limit, x, self._size(most))
+        first, inputs, times = (np.ascontiguousarray(a, float) for a in (begun, u, dt))
+        added = None if jump is None else np.ascontiguousarray(jump, float)
+        lanes = () if c is None else (len(c),)
+        x = np.empty((*lanes, int((rows[:, 1] - rows[:, 0]).sum()), self.nx))
+        constants = self.c if c is None else np.ascontiguousarray(c)
+        self.module.windows(
+            first, rows, inputs, constants, times, added, limit, x, self._size(most), lanes[0] if lanes else 1
+        )
         return x
 
     def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
