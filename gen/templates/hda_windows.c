@@ -133,7 +133,7 @@ void hda_rollout_windows_batch(const double *begun, const int *edges, long windo
     const long mechanical = windows * HDA_MECHANICAL, size = inside(edges, windows) * HDA_NX;
     long first = 0;
 #if HDA_LANES && !HDA_STIFF
-    while (count - first > 1) { /* one that is left over goes alone */
+    while (count - first > 2) { /* one or two that are left over go alone, which takes no longer */
         lanes of;
         of.count = count - first < HDA_BATCH_WIDTH ? (int)(count - first) : HDA_BATCH_WIDTH;
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {

@@ -1,16 +1,18 @@
 """Shooting: what the model predicts in every window, and how that changes with each parameter, first state and torque.
 
 A lane is one simulation of all windows. Derivatives are differences of lanes: dry friction sticks exactly, so a
-difference over the size that matters is wanted, not a slope at a point. Lanes run side by side in threads; the compiled
-rollout lets go of the interpreter.
+difference over the size that matters is wanted, not a slope at a point. Lanes run side by side: in the lanes of vectors,
+as many as the library has, and these in threads; the compiled rollout lets go of the interpreter.
 
-Legend: T rows, R rows in windows, W windows, M channels, m positions and velocities of the state.
+Legend: T rows, R rows in windows, W windows, M channels, L lanes that run at once, m positions and velocities of the
+state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from queue import SimpleQueue
@@ -24,6 +26,8 @@ from hdagen.readings import full_torsion, limits, mechanical, unread
 
 THREADS = 2
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
+FEW = 2  # lanes that are faster one by one than in a vector
+PROMPT = {"motor_current", "motor_position", "joint_position"}  # what is read of positions and inputs alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +55,14 @@ class Shooting:
         for _ in range(THREADS):
             self.arms.put(Arm(self.arm.folder))
         self.m = mechanical(self.arm)
-        self.rows = self.record.rows
-        self.steps = self.record.steps
+        self.rows, self.edges, self.steps = self.record.rows, self.record.edges, self.record.steps
         self.begins = np.concatenate([[0], np.cumsum(self.record.ends - self.record.starts)[:-1]])
+        self.path = late.Path(self.record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
         self.limit = limits(self.arm)
+        described = self.arm.parameters.described
+        gains = [described.get(f"torque_constant_{j}") for j in range(1, self.arm.n + 1)]
+        self.gains = np.array([gain.nominal if gain else 1.0 for gain in gains])  # N m of a unit of the input
         self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
 
     def predict(self, lane: Lane) -> Array:
@@ -64,16 +71,19 @@ class Shooting:
 
     def all(self, lanes: Sequence[Lane]) -> list[Array]:
         """What the channels read (R, M) in each lane."""
+        order = sorted(range(len(lanes)), key=lambda k: lanes[k].impulse is not None)  # those with impulses together
+        most = 1 if len(lanes) <= FEW else self.arm.module.batch_width
+        groups = [g.tolist() for g in np.array_split(order, -(-len(lanes) // most))] if lanes else []
         with ThreadPoolExecutor(THREADS) as pool:
-            return list(pool.map(self._run, lanes))
+            seen = list(pool.map(lambda group: self._run([lanes[k] for k in group]), groups))
+        found = dict(zip(order, (one for group in seen for one in group), strict=True))
+        return [found[k] for k in range(len(lanes))]
 
     def states(self, lane: Lane) -> Array:
         """The states (R, nx) of one lane."""
-        arm = self.arms.get()
-        try:
-            return self._roll(arm, lane, self._inputs(arm, lane)[0])
-        finally:
-            self.arms.put(arm)
+        with self._lent() as arm:
+            inputs, _, constants = self._inputs(arm, [lane])
+            return self._roll(arm, [lane], inputs, constants)[0]
 
     def begun(self, p: Array) -> Array:
         """First states (W, m) as measured by sensors of parameters ``p``, no spring twisted further than it bears."""
@@ -92,39 +102,57 @@ class Shooting:
         p = self.arm.p.copy()
         return p, self.begun(p)
 
-    def _run(self, lane: Lane) -> Array:
+    @contextmanager
+    def _lent(self) -> Iterator[Arm]:
+        """An arm that no other thread uses meanwhile."""
         arm = self.arms.get()
         try:
-            inputs, at = self._inputs(arm, lane)
-            states = self._roll(arm, lane, inputs)
-            seen = late.read(arm, self.record.time[self.rows], states, inputs[self.rows], self.begins)
+            yield arm
         finally:
             self.arms.put(arm)
-        columns = [at[self.rows, j - 1] if q == "motor_current" else seen[q][:, j - 1] for q, j in self.record.outputs]
-        return np.stack(columns, 1)
 
-    def _inputs(self, arm: Arm, lane: Lane) -> tuple[Array, Array]:
-        """What acts from each row to the next (T, nu), and what a current sensor reads in each row (T, n)."""
+    def _run(self, lanes: Sequence[Lane]) -> list[Array]:
+        with self._lent() as arm:
+            inputs, shown, constants = self._inputs(arm, lanes)
+            states = self._roll(arm, lanes, inputs, constants)
+            return [self._read(arm, *one) for one in zip(lanes, states, inputs, shown, strict=True)]
+
+    def _read(self, arm: Arm, lane: Lane, x: Array, inputs: Array, shown: Array) -> Array:
+        """What the channels read (R, M) in the states ``x`` (R, nx) of one lane."""
         arm._prepare(lane.p)
-        n = arm.n
-        inputs = self.record.command.copy()
-        if hasattr(arm, "acting"):
-            inputs[:, :n], at = arm.acting(self.record.command[:, :n], self.steps, self.record.before)
+        if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
+            seen = late.positions(arm, self.path, x)
         else:
-            at = np.concatenate([self.record.before[None], inputs[:-1, :n]])
-        if lane.torque is not None:
-            for j in range(1, n + 1):
-                gain = arm.parameters.described.get(f"torque_constant_{j}")
-                inputs[:, j - 1] += lane.torque[:, j - 1] / (gain.nominal if gain else 1.0)
-        return inputs, at
+            seen = late.read(arm, self.path.time, x, inputs[self.rows], self.begins)
+        seen["motor_current"] = shown[self.rows]
+        return np.stack([seen[quantity][:, j - 1] for quantity, j in self.record.outputs], 1)
 
-    def _roll(self, arm: Arm, lane: Lane, inputs: Array) -> Array:
-        """The states (R, nx), the effects' own carried from window to window."""
+    def _inputs(self, arm: Arm, lanes: Sequence[Lane]) -> tuple[Array, Array, Array]:
+        """Of each lane what acts from each row to the next (L, T, nu), what a current sensor reads in each row
+        (L, T, n), and the constants (L, nc)."""
+        record, n = self.record, arm.n
+        inputs = np.empty((len(lanes), *record.command.shape))
+        shown = np.empty((len(lanes), len(record.time), n))
+        constants = np.empty((len(lanes), len(arm.c)))
+        for k, lane in enumerate(lanes):
+            arm._prepare(lane.p)
+            constants[k] = arm.c
+            inputs[k, :, n:] = record.command[:, n:]
+            inputs[k, :, :n], shown[k] = arm.acting(record.command[:, :n], self.steps, record.before)
+            if lane.torque is not None:
+                inputs[k, :, :n] += lane.torque / self.gains
+        return inputs, shown, constants
+
+    def _roll(self, arm: Arm, lanes: Sequence[Lane], inputs: Array, constants: Array) -> Array:
+        """The states (L, R, nx), the effects' own carried from window to window."""
         jump = None
-        if lane.impulse is not None:
-            jump = np.zeros((len(self.record.time), arm.nx))
-            jump[:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
-        return arm.windows(lane.begun, self.record.edges, inputs, self.steps, self.most, self.limit, jump)
+        if any(lane.impulse is not None for lane in lanes):
+            jump = np.zeros((len(lanes), len(self.record.time), arm.nx))
+            for k, lane in enumerate(lanes):
+                if lane.impulse is not None:
+                    jump[k][:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
+        begun = np.stack([lane.begun for lane in lanes])
+        return arm.windows(begun, self.edges, inputs, self.steps, self.most, self.limit, jump, constants)
 
     @cached_property
     def mobility(self) -> Array:
