@@ -65,8 +65,8 @@ def kinematics(model: Model, c: Any) -> list[Emitted]:
 
 
 def positions(model: Model, c: Any) -> Emitted:
-    """(x, c) -> what encoders of motors and joints show in state x (n each), none read late: all that a log of positions
-    needs of x, at a small part of the cost of `outputs`."""
+    """(x, c) -> what encoders of motors and joints show in state x (n each), none read late: all that a log of
+    positions needs of x, at a small part of the cost of `outputs`."""
     q, v, a = (SX.sym(name, model.n) for name in "qva")
     angle, _ = readings(model, q, v, a)
     still = ca.substitute(angle, ca.vertcat(q, v, a), ca.vertcat(model.q, SX.zeros(2 * model.n)))

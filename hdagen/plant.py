@@ -248,24 +248,17 @@ class Arm:
         c: Array | None = None,
     ) -> Array:
         """States (R, nx) in the rows of windows that each begin anew, set-valued friction.
-
         Window w is the rows edges[w] = (first, end) of u (T, nu) and begins with the positions and velocities
         ``begun[w]`` (m) and with the effects' own states as the window before left them (0 where it ended elsewhere).
         ``jump`` (T, nx) is added to the state in each row. Where |x| would leave ``limit`` (nx) the window stays.
-
-        With ``c`` (L, nc), the constants of L lanes, all lanes at once: begun (L, W, m), u (L, T, nu), jump (L, T, nx)
-        -> (L, R, nx).
+        With ``c`` (L, nc), constants of L lanes: begun (L, W, m), u (L, T, nu), jump (L, T, nx) -> (L, R, nx).
         """
-        rows = np.ascontiguousarray(edges, np.int32)
-        first, inputs, times = (np.ascontiguousarray(a, float) for a in (begun, u, dt))
-        added = None if jump is None else np.ascontiguousarray(jump, float)
-        lanes = () if c is None else (len(c),)
-        x = np.empty((*lanes, int((rows[:, 1] - rows[:, 0]).sum()), self.nx))
-        constants = self.c if c is None else np.ascontiguousarray(c)
-        self.module.windows(
-            first, rows, inputs, constants, times, added, limit, x, self._size(most), lanes[0] if lanes else 1
-        )
-        return x
+        rows, count = np.ascontiguousarray(edges, np.int32), 1 if c is None else len(c)
+        x = np.empty((count, int(np.diff(rows).sum()), self.nx))
+        given = (begun, u, self.c if c is None else c, dt, jump)
+        first, inputs, constants, times, added = (a if a is None else np.ascontiguousarray(a, float) for a in given)
+        self.module.windows(first, rows, inputs, constants, times, added, limit, x, self._size(most), count)
+        return x[0] if c is None else x
 
     def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
         """What the input effects (delay, saturation, sag, lag) make of commands.

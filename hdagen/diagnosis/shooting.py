@@ -1,8 +1,8 @@
 """Shooting: what the model predicts in every window, and how that changes with each parameter, first state and torque.
 
 A lane is one simulation of all windows. Derivatives are differences of lanes: dry friction sticks exactly, so a
-difference over the size that matters is wanted, not a slope at a point. Lanes run side by side: in the lanes of vectors,
-as many as the library has, and these in threads; the compiled rollout lets go of the interpreter.
+difference over the size that matters is wanted, not a slope at a point. Lanes run side by side, as many as a vector of
+the library has, and such groups in threads; the compiled rollout lets go of the interpreter.
 
 Legend: T rows, R rows in windows, W windows, M channels, L lanes that run at once, m positions and velocities of the
 state.
