@@ -79,7 +79,8 @@ def read(arm: Arm, time: Array, x: Array, u: Array, begins: Array | None = None)
 
 def positions(arm: Arm, path: Path, x: Array) -> dict[str, Array]:
     """motor_position and joint_position (T, n) as `read` gives them, for the states x (T, nx) along ``path``."""
-    seen = arm.evaluate("positions", x=x)
+    seen = {name: np.empty((len(x), arm.n)) for name in ("motor_position", "joint_position")}
+    arm.module.map("positions", len(x), np.ascontiguousarray(x), arm.c, *seen.values())
     _delayed(arm, path, x, seen["joint_position"])
     return seen
 

@@ -1,7 +1,8 @@
 /* Rollouts of windows that each begin anew, set-valued friction: one lane, or HDA_BATCH_WIDTH lanes in those of a vector.
  *
  * A lane is a simulation of all windows. In vectors all lanes take the plain step, in which every motor slides as it began to; a
- * lane of which a motor rests at the beginning, or has stopped or turned back by the end, takes hda_step_exact instead.
+ * lane of which a motor rests at the beginning, or has stopped or turned back by the end, takes hda_step_exact instead; so do all
+ * where no more than a few slide.
  */
 #include "hda.h"
 #include "hda_parts.h"
@@ -42,6 +43,8 @@ static long inside(const int *edges, long windows) {
 
 #include "hda_batch_step.h"
 
+enum { FEW = HDA_BATCH_WIDTH / 4 }; /* lanes that take no longer one by one than in a vector */
+
 static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direction of dry friction at joint j */
 
 /* Of each lane what it reads and writes; those from `count` on have no work and read what the last one reads. */
@@ -68,13 +71,19 @@ static void single(const hda_batch *from, int lane, const double *u, const doubl
 static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h, const hda_batch_bits *good, hda_batch *x) {
     hda_batch from[HDA_NX], s[HDA_N];
     hda_batch_bits slides = *good;
+    int many = 0;
     for (int i = 0; i < HDA_NX; i++) from[i] = x[i];
     for (int j = 0; j < HDA_N; j++) {
         hda_batch_sign(&from[slide[j]], &s[j]);
         slides &= (hda_batch_bits)(s[j] * s[j] > 0.0); /* neither 0 nor NaN */
     }
-    batch_step(x, u, s, c, h);
-    for (int j = 0; j < HDA_N; j++) slides &= ~(hda_batch_bits)(x[slide[j]] * s[j] < 0.0);
+    for (int lane = 0; lane < of->count; lane++) many -= (int)slides[lane];
+    if (many > FEW) {
+        batch_step(x, u, s, c, h);
+        for (int j = 0; j < HDA_N; j++) slides &= ~(hda_batch_bits)(x[slide[j]] * s[j] < 0.0);
+    } else {
+        memset(&slides, 0, sizeof slides);
+    }
     for (int lane = 0; lane < of->count; lane++) {
         if (good[0][lane] && !slides[lane]) single(from, lane, of->u[lane] + k * HDA_NU, of->c[lane], h, x);
     }
@@ -133,7 +142,7 @@ void hda_rollout_windows_batch(const double *begun, const int *edges, long windo
     const long mechanical = windows * HDA_MECHANICAL, size = inside(edges, windows) * HDA_NX;
     long first = 0;
 #if HDA_LANES && !HDA_STIFF
-    while (count - first > 2) { /* one or two that are left over go alone, which takes no longer */
+    while (count - first > FEW) {
         lanes of;
         of.count = count - first < HDA_BATCH_WIDTH ? (int)(count - first) : HDA_BATCH_WIDTH;
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {

@@ -41,6 +41,28 @@ class Lane:
     impulse: Array | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Seat:
+    """What one thread works with: an arm, and memory for L lanes. ``inputs`` (L, T, nu): what acts from each row to
+    the next; ``shown`` (L, T, n): what a current sensor reads in each row; ``constants`` (L, nc); states ``x``
+    (L, R, nx)."""
+
+    arm: Arm
+    inputs: Array
+    shown: Array
+    constants: Array
+    x: Array
+
+    @classmethod
+    def of(cls, arm: Arm, record: Record) -> Seat:
+        """With an arm of its own and new memory, in which the record's forces at the tip stand."""
+        rows, within = len(record.time), len(record.rows)
+        shapes = ((rows, arm.nu), (rows, arm.n), arm.c.shape, (within, arm.nx))
+        seat = cls(Arm(arm.folder), *(np.empty((arm.module.batch_width, *shape)) for shape in shapes))
+        seat.inputs[..., arm.n :] = record.command[:, arm.n :]
+        return seat
+
+
 @dataclass(eq=False)
 class Shooting:
     """All lanes of one record on one model."""
@@ -48,14 +70,17 @@ class Shooting:
     arm: Arm
     record: Record
     most: float = 1e-3  # s, a step of integration
-    arms: SimpleQueue[Arm] = field(init=False)
+    seats: SimpleQueue[Seat] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.arms = SimpleQueue()
-        for _ in range(THREADS):
-            self.arms.put(Arm(self.arm.folder))
         self.m = mechanical(self.arm)
         self.rows, self.edges, self.steps = self.record.rows, self.record.edges, self.record.steps
+        whole = self.rows[-1] - self.rows[0] + 1 == len(self.rows)  # no row between windows
+        self.within = slice(self.rows[0], self.rows[-1] + 1) if whole else self.rows
+        self.command = np.ascontiguousarray(self.record.command[:, : self.arm.n])
+        self.seats = SimpleQueue()
+        for _ in range(THREADS):
+            self.seats.put(Seat.of(self.arm, self.record))
         self.begins = np.concatenate([[0], np.cumsum(self.record.ends - self.record.starts)[:-1]])
         self.path = late.Path(self.record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
@@ -81,9 +106,8 @@ class Shooting:
 
     def states(self, lane: Lane) -> Array:
         """The states (R, nx) of one lane."""
-        with self._lent() as arm:
-            inputs, _, constants = self._inputs(arm, [lane])
-            return self._roll(arm, [lane], inputs, constants)[0]
+        with self._seat() as seat:
+            return self._states(seat, [lane])[0].copy()
 
     def begun(self, p: Array) -> Array:
         """First states (W, m) as measured by sensors of parameters ``p``, no spring twisted further than it bears."""
@@ -103,56 +127,48 @@ class Shooting:
         return p, self.begun(p)
 
     @contextmanager
-    def _lent(self) -> Iterator[Arm]:
-        """An arm that no other thread uses meanwhile."""
-        arm = self.arms.get()
+    def _seat(self) -> Iterator[Seat]:
+        """One that no other thread uses meanwhile."""
+        seat = self.seats.get()
         try:
-            yield arm
+            yield seat
         finally:
-            self.arms.put(arm)
+            self.seats.put(seat)
 
     def _run(self, lanes: Sequence[Lane]) -> list[Array]:
-        with self._lent() as arm:
-            inputs, shown, constants = self._inputs(arm, lanes)
-            states = self._roll(arm, lanes, inputs, constants)
-            return [self._read(arm, *one) for one in zip(lanes, states, inputs, shown, strict=True)]
+        """What the channels read (R, M) in each of the lanes of a group."""
+        with self._seat() as seat:
+            x = self._states(seat, lanes)
+            return [self._read(seat, k, lane, x[k]) for k, lane in enumerate(lanes)]
 
-    def _read(self, arm: Arm, lane: Lane, x: Array, inputs: Array, shown: Array) -> Array:
-        """What the channels read (R, M) in the states ``x`` (R, nx) of one lane."""
-        arm._prepare(lane.p)
-        if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
-            seen = late.positions(arm, self.path, x)
-        else:
-            seen = late.read(arm, self.path.time, x, inputs[self.rows], self.begins)
-        seen["motor_current"] = shown[self.rows]
-        return np.stack([seen[quantity][:, j - 1] for quantity, j in self.record.outputs], 1)
-
-    def _inputs(self, arm: Arm, lanes: Sequence[Lane]) -> tuple[Array, Array, Array]:
-        """Of each lane what acts from each row to the next (L, T, nu), what a current sensor reads in each row
-        (L, T, n), and the constants (L, nc)."""
-        record, n = self.record, arm.n
-        inputs = np.empty((len(lanes), *record.command.shape))
-        shown = np.empty((len(lanes), len(record.time), n))
-        constants = np.empty((len(lanes), len(arm.c)))
-        for k, lane in enumerate(lanes):
-            arm._prepare(lane.p)
-            constants[k] = arm.c
-            inputs[k, :, n:] = record.command[:, n:]
-            inputs[k, :, :n], shown[k] = arm.acting(record.command[:, :n], self.steps, record.before)
-            if lane.torque is not None:
-                inputs[k, :, :n] += lane.torque / self.gains
-        return inputs, shown, constants
-
-    def _roll(self, arm: Arm, lanes: Sequence[Lane], inputs: Array, constants: Array) -> Array:
+    def _states(self, seat: Seat, lanes: Sequence[Lane]) -> Array:
         """The states (L, R, nx), the effects' own carried from window to window."""
-        jump = None
-        if any(lane.impulse is not None for lane in lanes):
-            jump = np.zeros((len(lanes), len(self.record.time), arm.nx))
-            for k, lane in enumerate(lanes):
-                if lane.impulse is not None:
-                    jump[k][:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
-        begun = np.stack([lane.begun for lane in lanes])
-        return arm.windows(begun, self.edges, inputs, self.steps, self.most, self.limit, jump, constants)
+        jump, many = None, len(lanes)
+        for k, lane in enumerate(lanes):
+            self._inputs(seat, k, lane)
+            if lane.impulse is not None:
+                jump = np.zeros((many, len(self.steps), seat.arm.nx)) if jump is None else jump
+                jump[k][:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
+        begun, c, x = np.stack([lane.begun for lane in lanes]), seat.constants[:many], seat.x[:many]
+        return seat.arm.windows(begun, self.edges, seat.inputs[:many], self.steps, self.most, self.limit, jump, c, x)
+
+    def _inputs(self, seat: Seat, k: int, lane: Lane) -> None:
+        """Lane k's inputs and constants."""
+        arm, n = seat.arm, seat.arm.n
+        arm._prepare(lane.p)
+        seat.constants[k] = arm.c
+        acting, seat.shown[k] = arm.acting(self.command, self.steps, self.record.before)
+        seat.inputs[k, :, :n] = acting if lane.torque is None else acting + lane.torque / self.gains
+
+    def _read(self, seat: Seat, k: int, lane: Lane, x: Array) -> Array:
+        """What the channels read (R, M) in lane k, which is in the states ``x`` (R, nx)."""
+        seat.arm._prepare(lane.p)
+        if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
+            seen = late.positions(seat.arm, self.path, x)
+        else:
+            seen = late.read(seat.arm, self.path.time, x, seat.inputs[k][self.within], self.begins)
+        seen["motor_current"] = seat.shown[k][self.within]
+        return np.stack([seen[quantity][:, j - 1] for quantity, j in self.record.outputs], 1)
 
     @cached_property
     def mobility(self) -> Array:
