@@ -160,10 +160,7 @@ def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
                 atoms.append(
                     Atom(effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number)
                 )
-                columns += [
-                    _column(raw[name], place[name], len(atoms) - 1, not number, suggested)
-                    for name in names
-                ]
+                columns += [_column(raw[name], place[name], len(atoms) - 1, not number, suggested) for name in names]
     owned = {c.parameter for c in columns}
     for name, q in raw.items():
         if q["role"] == "base" and name not in owned and q["tolerance"] > 0 and q["nominal"]:

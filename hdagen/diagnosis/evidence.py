@@ -145,17 +145,6 @@ def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
     return float(-0.5 * logdet + np.log(spike[free] / slab).sum() - 0.5 * (mu * D) @ np.linalg.solve(K, mu))
 
 
-def freed(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> tuple[Array, Array]:
-    """Mean (P) and covariance (P, P) of θ with the columns ``free`` free."""
-    if not len(free):
-        return at.mean, at.covariance
-    D = 1.0 / slab**2 - 1.0 / spike[free] ** 2
-    S = at.covariance[:, free]
-    K = np.eye(len(free)) + at.covariance[np.ix_(free, free)] * D
-    change = S @ (D[:, None] * np.linalg.inv(K))
-    return at.mean - change @ at.mean[free], at.covariance - change @ S.T
-
-
 def score(found: Sequence[Posterior], words: Dictionary, hypotheses: Sequence[tuple[int, ...]]) -> list[Scored]:
     """Every hypothesis (a tuple of atoms) at its best (s, κ), the best first."""
     scored, spike = [], words.spike

@@ -18,6 +18,8 @@ from hdagen.diagnosis.evidence import Scored, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear
 from hdagen.plant import Array
 
+TEMPERATURE = 3.0  # at least: fits of one log that end in different places differ by as much
+DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 CHORDS = 3
 SHARES = (1.0, 0.5, 0.2, 0.05)
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
@@ -37,6 +39,12 @@ class Fitted:
     def bare(self) -> Fitted:
         """What a decision needs of it, without the columns, which would fill the memory."""
         return replace(self, design=self.design.bare())
+
+    @property
+    def temperature(self) -> float:
+        """By what differences of log evidence are divided before they become probabilities: what it still leaves
+        would be worth as much to a better one, so an effect must bring a share of that."""
+        return max(TEMPERATURE, (self.clean - self.score.evidence) / DEPENDENT)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,6 +90,7 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float) -> Fitted:
     found = posteriors(linear, prior, near, bounds)
     best = max(found, key=lambda one: one.evidence)
     torque = linear.inner(best.s, best.mean)[1]
+    at.gram.kept.clear()
     return Fitted(atoms, at, Scored(atoms, best.evidence, best), _by_joint(at, torque), clean)
 
 
@@ -109,7 +118,8 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
     cost = linear.reduced(s).cost(old, prior)
     for _ in range(CHORDS):
         theta = settled(linear, prior, s, bounds).mean
-        begun = linear.inner(s, theta)[0]
+        begun = np.zeros_like(at.point.begun)
+        begun[at.shooting.record.kept] = linear.inner(s, theta)[0]
         for share in SHARES:
             trial = _tried(at, linear, s, placed(at, old + share * (theta - old), at.point.begun + share * begun))
             there, reached = trial.linear(), words.theta(trial.point.p)
@@ -125,14 +135,18 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
 
 
 def _tried(at: Design, linear: Linear, s: float, point: Point) -> Design:
-    """The model at ``point``, windows that its first states make worse with those of ``at``: from where a joint sticks,
-    or flies apart, their columns say little."""
+    """The model at ``point``, windows that its first states make worse with those of ``at``: from where a joint
+    sticks, or flies apart, their columns say little."""
     trial = at.moved(point)
-    left = [one.reduced(s).chi2(at.words.theta(where.p)) for one, where in ((linear, at.point), (trial.linear(), point))]
-    worse = left[1] > left[0] + WORSE
-    if not worse.any():
+    left = [
+        one.reduced(s).chi2(at.words.theta(where.p)) for one, where in ((linear, at.point), (trial.linear(), point))
+    ]
+    worse = at.shooting.record.kept[left[1] > left[0] + WORSE]
+    if not len(worse):
         return trial
-    return at.moved(Point(point.p, np.where(worse[:, None], at.point.begun, point.begun)))
+    begun = point.begun.copy()
+    begun[worse] = at.point.begun[worse]
+    return at.moved(Point(point.p, begun))
 
 
 def placed(at: Design, theta: Array, begun: Array) -> Point:

@@ -46,7 +46,7 @@ class Gram:
     kept: dict[float, Eliminated] = field(default_factory=dict)
 
     def eliminated(self, s: float) -> Eliminated:
-        """With first states and torques of standard deviation ``s``; the last one is kept, all would fill the memory."""
+        """With first states and torques of standard deviation ``s``; the last one is kept."""
         if s not in self.kept:
             self.kept.clear()
             self.kept[s] = self._eliminated(s)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.diagnosis.candidates import ORDER, SLAB, Atom, Dictionary
-from hdagen.diagnosis.design import Design, Point, chosen
+from hdagen.diagnosis.design import Design, Point, chosen, predicted
 from hdagen.diagnosis.evidence import settled
 from hdagen.diagnosis.shooting import THREADS, Lane
 from hdagen.plant import Array
@@ -43,12 +43,12 @@ def scan(at: Design, words: Dictionary, lead: tuple[int, ...] = ()) -> dict[int,
         if atom.name not in meant
         for point in _displaced(at, words, k, atom)
     ]
-    seen = at.shooting.all([Lane(point.p, point.begun) for _, point in tried])
+    seen = predicted(at.shooting, [Lane(point.p, point.begun) for _, point in tried])
     none = _evidence(base)
 
     def judged(one: tuple[tuple[int, Point], Array]) -> float:
-        (_, point), predicted = one
-        return _evidence(base.seen(point, predicted)) - none
+        (_, point), read = one
+        return _evidence(base.seen(point, read)) - none
 
     with ThreadPoolExecutor(THREADS) as pool:
         gains = list(pool.map(judged, zip(tried, seen, strict=True)))
