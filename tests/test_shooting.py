@@ -21,14 +21,16 @@ MOVED = {"viscous_friction_1": 1.1, "coulomb_friction_2": 0.9, "mass_2": 1.02}  
 SET = {"sensor_delay_1": 1e-3, "current_lag_2": 1e-3, "hysteresis_torque_1": 2.0}
 
 
-def shooting(build: Builder, profile: str, torques: bool = False) -> Shooting:
+def shooting(build: Builder, profile: str, torques: bool = False, gaps: bool = False) -> Shooting:
+    """``gaps``: rows are missing, and between two gaps too few are left for a window."""
     arm = Arm(build(FLEXIBLE, profile, EFFECTS).folder)
     log = simulated(arm)
+    columns, rng = dict(log.columns), np.random.default_rng(3)
     if torques:
-        rng = np.random.default_rng(3)
-        measured = {f"joint_torque_{j}": rng.normal(size=len(log)) for j in (1, 2)}
-        log = Log(log.time, {**log.columns, **measured}, log.n_joints, log.source)
-    return Shooting(arm, record(arm, log, 0.05))
+        columns |= {f"joint_torque_{j}": rng.normal(size=len(log)) for j in (1, 2)}
+    kept = np.setdiff1d(np.arange(len(log)), [*range(300, 320), *range(330, 350)] if gaps else [])
+    there = {name: np.ascontiguousarray(values[kept]) for name, values in columns.items()}
+    return Shooting(arm, record(arm, Log(log.time[kept], there, log.n_joints, log.source), 0.05))
 
 
 def lanes(sh: Shooting) -> list[Lane]:
@@ -66,11 +68,28 @@ def test_many_lanes_are_what_each_alone_would_be(build: Builder, profile: str) -
         assert all(other > 1e-7 for other in apart), (k, apart)
 
 
-@pytest.mark.parametrize("torques", [False, True])
-def test_what_is_seen_is_what_the_sensors_read_of_the_states(build: Builder, torques: bool) -> None:
+def test_little_memory_gives_the_same(build: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
+    many = (sh := shooting(build, "native")).all(lanes(sh))
+    monkeypatch.setattr("hdagen.diagnosis.shooting.MEMORY", 3 * 8 * sum(a[0].size for a in seat(sh)))
+    narrow = shooting(build, "native")
+    assert narrow.width == 3 or narrow.width == narrow.arm.module.batch_width < 3
+    for seen, other in zip(narrow.all(lanes(narrow)), many, strict=True):
+        np.testing.assert_allclose(seen, other, rtol=0, atol=1e-10 * np.abs(other).max())
+
+
+def seat(sh: Shooting) -> tuple[np.ndarray, ...]:
+    """A thread's memory."""
+    found = sh.seats.get()
+    sh.seats.put(found)
+    return found.inputs, found.shown, found.constants, found.x
+
+
+@pytest.mark.parametrize("torques, gaps", [(False, False), (False, True), (True, True)])
+def test_what_is_seen_is_what_the_sensors_read_of_the_states(build: Builder, torques: bool, gaps: bool) -> None:
     """Positions, read late; the current that acts; and joint torques where they are measured."""
-    sh = shooting(build, "native", torques)
+    sh = shooting(build, "native", torques, gaps)
     assert ("joint_torque_1" in sh.record.names) == torques
+    assert (np.ptp(sh.rows) >= len(sh.rows)) == gaps
     for lane in lanes(sh):
         x, arm = sh.states(lane), sh.arm
         arm._prepare(lane.p)

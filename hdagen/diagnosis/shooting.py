@@ -10,6 +10,7 @@ state.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -26,6 +27,7 @@ from hdagen.readings import full_torsion, limits, mechanical, unread
 
 THREADS = 2
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
+MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
 FEW = 2  # lanes that are faster one by one than in a vector
 PROMPT = {"motor_current", "motor_position", "joint_position"}  # what is read of positions and inputs alone
 
@@ -58,7 +60,8 @@ class Seat:
         """With an arm of its own and new memory, in which the record's forces at the tip stand."""
         rows, within = len(record.time), len(record.rows)
         shapes = ((rows, arm.nu), (rows, arm.n), arm.c.shape, (within, arm.nx))
-        seat = cls(Arm(arm.folder), *(np.empty((arm.module.batch_width, *shape)) for shape in shapes))
+        lanes = min(arm.module.batch_width, max(1, MEMORY // (8 * sum(map(math.prod, shapes)))))
+        seat = cls(Arm(arm.folder), *(np.empty((lanes, *shape)) for shape in shapes))
         seat.inputs[..., arm.n :] = record.command[:, arm.n :]
         return seat
 
@@ -80,7 +83,8 @@ class Shooting:
         self.command = np.ascontiguousarray(self.record.command[:, : self.arm.n])
         self.seats = SimpleQueue()
         for _ in range(THREADS):
-            self.seats.put(Seat.of(self.arm, self.record))
+            self.seats.put(seat := Seat.of(self.arm, self.record))
+        self.width = len(seat.x)
         self.begins = np.concatenate([[0], np.cumsum(self.record.ends - self.record.starts)[:-1]])
         self.path = late.Path(self.record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
@@ -97,7 +101,7 @@ class Shooting:
     def all(self, lanes: Sequence[Lane]) -> list[Array]:
         """What the channels read (R, M) in each lane."""
         order = sorted(range(len(lanes)), key=lambda k: lanes[k].impulse is not None)  # those with impulses together
-        most = 1 if len(lanes) <= FEW else self.arm.module.batch_width
+        most = 1 if len(lanes) <= FEW else self.width
         groups = [g.tolist() for g in np.array_split(order, -(-len(lanes) // most))] if lanes else []
         with ThreadPoolExecutor(THREADS) as pool:
             seen = list(pool.map(lambda group: self._run([lanes[k] for k in group]), groups))
