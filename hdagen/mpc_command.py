@@ -1,5 +1,5 @@
-"""`hdagen mpc`: the table of three controllers, the page of a run, the keys of controller.toml, the truth beside a
-tick."""
+"""`hdagen mpc`: the table of three controllers, what the estimator feels, the page of a run, the keys of
+controller.toml, the truth beside a tick."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ EXAMPLE = """examples:
   hdagen mpc table --runs 100      the same over random runs
   hdagen simulate paper --controller mpc --out run.parquet && hdagen mpc explain run.parquet
   hdagen mpc header > mpc_settings.h   the configuration for C, as example_mpc.c includes it
+  hdagen mpc sense                 innovations, delay and bias on a step of force, collisions and false alarms
   hdagen mpc reference             the plan beside IPOPT's of the whole nonlinear problem"""
 
 
@@ -29,7 +30,7 @@ def add_parser(commands: Any) -> None:
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("what", choices=("table", "explain", "keys", "reference", "header"))
+    p.add_argument("what", choices=("table", "sense", "explain", "keys", "reference", "header"))
     p.add_argument(
         "log", nargs="?", type=Path, help="of `explain`: a log that `hdagen simulate --controller mpc` wrote"
     )
@@ -45,9 +46,8 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what was asked."""
-    return {"table": _table, "explain": _explain, "keys": _keys, "reference": _reference, "header": _header}[
-        options.what
-    ](options)
+    what = {"table": _table, "sense": _sense, "explain": _explain, "keys": _keys, "reference": _reference}
+    return (what | {"header": _header})[options.what](options)
 
 
 def _keys(_: argparse.Namespace) -> int:
@@ -102,6 +102,17 @@ def _table(options: argparse.Namespace) -> int:
         _print(found)
         if runs:
             _print_runs(runs)
+    return 0
+
+
+def _sense(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from hdagen.mpc.sensing import lines, measure
+
+    with Console(stderr=True).status("starting") as status:
+        found = measure(options.profile, status.update)
+    print(json.dumps(asdict(found), indent=1) if options.json else "\n".join(lines(found)))
     return 0
 
 

@@ -87,10 +87,10 @@ def test_it_tracks_with_the_estimated_force_too() -> None:
 
 
 @pytest.mark.parametrize("delay", [1, 3])
-def test_a_delay_that_it_is_told_of_is_carried_over(delay: int) -> None:
+def test_a_delay_that_the_stamps_tell_of_is_carried_over(delay: int) -> None:
     arm, c = built()
     far = tuple(type(w)(w.normal, 10.0) for w in WALLS)
-    c = c.changed(far, mpc__delay=delay, limits__tip_speed=1.0)
+    c = c.changed(far, limits__tip_speed=1.0)
     path = circle(0.05, (0.2, 0.0), 5.0, 1.5)
     controller = MPC(arm, c)
     found = trial(arm, controller, path, [Push(0.8, 1.2, (10.0, 0.0))], Sensors(delay=delay), (), seed=2)

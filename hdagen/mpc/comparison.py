@@ -105,24 +105,23 @@ def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None
 
 def random_runs(count: int, tuned: dict[str, float], profile: str = "native", first: int = 0) -> Iterator[RandomRun]:
     """Random runs: sizes of pushes, parameters off by up to 10 %, sensor noise, a delay of 1 to 3 ticks that the
-    controller is told to be 2."""
+    stamps tell of."""
     c = default()
     arm, plant = load("paper", profile, mpc=c), load("paper", profile, mpc=c)
-    limits = c.changed(WALLS, mpc__delay=2)
     far = c.changed(
-        tuple(replace(w, offset=10.0) for w in WALLS), mpc__delay=2, limits__tip_speed=1.0, limits__sudden=0.0
+        tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0
     )
-    predictive = MPC(arm, limits)
+    predictive = MPC(arm, c)
     admittance = Controller(arm, LAWS[1], predictive.guard, gains_of(c) | tuned)
     path = circle(RADIUS, CENTER, TURN, 4.0, float(c["mpc.period"]))
     for seed in range(first, first + count):
         random = np.random.default_rng(seed)
-        _vary(plant, random)
+        vary(plant, random)
         delay = int(random.integers(DELAYS[0], DELAYS[1] + 1))
         pushes = _pushes(random)
-        predictive.configure_with(limits)
+        predictive.configure_with(c)
         hard = trial(plant, predictive, path, pushes, Sensors(delay=delay), WALLS, seed=seed)
-        ours = outcome(plant, limits, path, hard, predictive)
+        ours = outcome(plant, c, path, hard, predictive)
         predictive.configure_with(far)
         free = outcome(
             plant, far, path, trial(plant, predictive, path, pushes, Sensors(delay=delay), (), seed=seed), predictive
@@ -131,7 +130,7 @@ def random_runs(count: int, tuned: dict[str, float], profile: str = "native", fi
         theirs = outcome(plant, far, path, found, admittance)
         torque, most = hard.simulation.torque, np.array(_torques(arm))
         legal = bool(np.isfinite(torque).all() and (np.abs(torque) <= most + 1e-12).all())
-        yield RandomRun(seed, delay, ours, free, theirs, legal, kept(arm, limits, ours))
+        yield RandomRun(seed, delay, ours, free, theirs, legal, kept(arm, c, ours))
 
 
 def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
@@ -152,7 +151,7 @@ def _torques(arm: Arm) -> list[float]:
     return [j["drive"]["torque_constant"]["nominal"] * j["drive"]["max_current"] for j in arm.robot["joints"]]
 
 
-def _vary(plant: Arm, random: np.random.Generator) -> None:
+def vary(plant: Arm, random: np.random.Generator) -> None:
     plant.parameters.reset()
     changed = {}
     for name, described in plant.parameters.described.items():

@@ -6,7 +6,7 @@
 
 enum {
     HDA_MPC_ROUNDS = 6,   /* factorisations of the active set */
-    HDA_MPC_POLISHES = 2, /* the same after the interior point */
+    HDA_MPC_POLISHES = 8, /* the same after the interior point */
     HDA_MPC_REFINES = 5,  /* solutions with one factorisation */
     HDA_MPC_INTERIOR = 40 /* iterations of the interior point */
 };
@@ -39,7 +39,8 @@ typedef struct hda_mpc_work {
     hda_mpc_side side[2]; /* of high, of low */
     hda_mpc_wide linear[HDA_MPC_BLOCKS], square[HDA_MPC_BLOCKS], soft[HDA_MPC_BLOCKS];
     double pairs, unmet;
-    int rounds, ready;    /* iterations of the interior point; whether f belongs to set */
+    int rounds, ready;    /* iterations of the interior point; what f belongs to, see expect() in hda_mpc_active.c */
+    int changed;          /* rows that came or went in the last solution */
     int set[HDA_MPC_ALL]; /* 0 free, 1 at high, 2 beyond high, -1 at low, -2 beyond low */
 } hda_mpc_work;
 
