@@ -222,7 +222,9 @@ int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w)
     if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
     hda_mpc_turn(qp, &w->f);
     stiffen(qp, w);
-    return hda_mpc_enter(qp, w) ? HDA_MPC_BROKEN : inside(qp, s, w, 0);
+    if (hda_mpc_enter(qp, w, 0)) return HDA_MPC_BROKEN;
+    const int status = inside(qp, s, w, 0);
+    return status == HDA_MPC_SOLVED || hda_mpc_enter(qp, w, 1) ? status : inside(qp, s, w, HDA_MPC_INTERIOR);
 }
 
 /* What does not depend on the measurement: 1 where the set from the solution's multipliers is ready with its factors, 2 where the set changes too
@@ -253,5 +255,5 @@ int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) 
         const int status = inside(qp, s, w, factored);
         if (status == HDA_MPC_SOLVED) return status;
     }
-    return hda_mpc_enter(qp, w) ? HDA_MPC_BROKEN : inside(qp, s, w, factored + HDA_MPC_INTERIOR);
+    return hda_mpc_enter(qp, w, 1) ? HDA_MPC_BROKEN : inside(qp, s, w, factored + HDA_MPC_INTERIOR);
 }

@@ -13,6 +13,9 @@ enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL, BLOCKS = HDA_MPC_BLOCKS };
 
 #define CLOSE 1e-9
 #define GAP 0.3        /* product of every pair to begin with */
+#define WIDE 1e3       /* the same where that start failed: far from every bound */
+#define JAMMED 0.1     /* a step shorter than this goes nowhere */
+#define JAMS 3         /* of them in a row are the end, where another start is left */
 #define STALLED 1e-9   /* gap below which no progress is an end */
 #define BOUNDARY 0.995
 #define TINY 1e-36     /* of a product: its reciprocal is a float */
@@ -58,7 +61,7 @@ static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, do
 }
 
 /* Where the iterations begin: the rows' values are in w->now. */
-static void begin(const hda_mpc_qp *qp, hda_mpc_work *w) {
+static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double gap) {
     memset(w->linear, 0, sizeof w->linear);
     memset(w->square, 0, sizeof w->square);
     memset(w->soft, 0, sizeof w->soft);
@@ -74,7 +77,7 @@ static void begin(const hda_mpc_qp *qp, hda_mpc_work *w) {
     w->pairs = 0.0;
     for (int e = 0; e < ALL; e++)
         for (int low = 0; low < 2; low++) {
-            begin_side(qp, w, e, low, GAP);
+            begin_side(qp, w, e, low, gap);
             w->pairs += w->side[low].there[e / 8][e % 8] * (1.0 + w->soft[e / 8][e % 8]);
         }
     if (w->pairs == 0.0) w->pairs = 1.0;
@@ -189,7 +192,7 @@ static void advance(hda_mpc_work *w, double share) {
     for (int e = 0; e < ALL; e++) w->now.rows[e] += share * (w->next.rows[e] - w->now.rows[e]);
 }
 
-int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w) {
+int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w, int wide) {
     memset(w->weight, 0, sizeof w->weight);
     memset(w->slope, 0, sizeof w->slope);
     memset(&w->next, 0, sizeof w->next);
@@ -201,7 +204,8 @@ int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w) {
         if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
     }
     hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
-    begin(qp, w);
+    begin(qp, w, wide ? WIDE : GAP);
+    w->jams = wide ? HDA_MPC_INTERIOR : JAMS;
     return 0;
 }
 
@@ -213,15 +217,16 @@ int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
     w->rounds = 0;
     w->unmet = 1.0;
     hda_mpc_roll(qp, &w->f, idle, w->now.x, w->now.rows);
-    begin(qp, w);
+    begin(qp, w, GAP);
+    w->jams = JAMS;
     return 0;
 }
 
 int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
     hda_mpc_point *next = &w->next;
     double last = 1e300;
-    int near = 0;
-    for (; w->rounds < HDA_MPC_INTERIOR; w->rounds++) {
+    int near = 0, jams = 0;
+    for (; w->rounds < HDA_MPC_INTERIOR && jams < w->jams; w->rounds++) {
         double gap;
         const double worst = measure(w, &gap);
         near = worst < larger(CLOSE, wanted) && gap < wanted && w->unmet < larger(CLOSE, wanted);
@@ -234,6 +239,7 @@ int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
         lean(w, left * left * left * gap, 1.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
         double share = stride(w);
+        jams = share < JAMMED && worst > CLOSE ? jams + 1 : 0;
         share = share < 1.0 ? BOUNDARY * share : 1.0;
         advance(w, share);
         w->unmet *= 1.0 - share;
