@@ -3,7 +3,7 @@ same over random runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from hdagen.control import Controller
 from hdagen.mpc.configuration import Configuration, Wall, checked
 from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import Outcome, gains_of, outcome, trial
-from hdagen.mpc.tuned import Tuned, tune
+from hdagen.mpc.tuned import METHOD, Tuned, tune
 from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors
@@ -108,9 +108,7 @@ def random_runs(count: int, tuned: dict[str, float], profile: str = "native", fi
     stamps tell of."""
     c = default()
     arm, plant = load("paper", profile, mpc=c), load("paper", profile, mpc=c)
-    far = c.changed(
-        tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0
-    )
+    far = c.changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0)
     predictive = MPC(arm, c)
     admittance = Controller(arm, LAWS[1], predictive.guard, gains_of(c) | tuned)
     path = circle(RADIUS, CENTER, TURN, 4.0, float(c["mpc.period"]))
@@ -133,6 +131,30 @@ def random_runs(count: int, tuned: dict[str, float], profile: str = "native", fi
         yield RandomRun(seed, delay, ours, free, theirs, legal, kept(arm, c, ours))
 
 
+def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
+    """The table as text: the tip against the ideal admittance motion, what was broken and pressed; then the runs."""
+    heads = ("median", "largest", "after release", "contact N", "refused")
+    out = [f"tip against the ideal admittance motion, mm:{'':16}" + "".join(f"{h:>15}" for h in heads)]
+    for row in found.rows:
+        o = row.outcome
+        cells = [f"{1e3 * v:.3f}" for v in (o.distance, o.largest, o.released)] + [f"{o.contact:.1f}", str(o.refused)]
+        out.append(f"  {row.course:32}{row.controller:26}" + "".join(f"{cell:>15}" for cell in cells))
+        broken = [f"{name} {value:.3g}" for name, value in o.violated.items() if value > 0]
+        out.append(f"    largest violation of each limit, SI: {', '.join(broken) or 'none'}")
+    gains = ", ".join(f"{name} {value:.1f}" for name, value in found.tuned.gains.items())
+    out.append(f"admittance law: inner loop tuned by {METHOD}: {gains} after {found.tuned.evaluations} runs")
+    if not runs:
+        return out
+    legal, held = sum(one.legal for one in runs), sum(one.kept for one in runs)
+    out.append(f"random runs: {len(runs)}; inputs legal in {legal}, soft limits kept to what is allowed in {held}")
+    for name in runs[0].predictive.violated:
+        out.append(f"  largest excess of {name}: {max(one.predictive.violated[name] for one in runs):.3g}")
+    ours, theirs = (np.array([getattr(one, who).distance for one in runs]) for who in ("free", "admittance"))
+    where = f"mpc {1e3 * np.median(ours):.3f} mm, admittance {1e3 * np.median(theirs):.3f} mm"
+    out.append(f"median distance where no limit is near: {where}; largest ratio of a run {np.max(ours / theirs):.2f}")
+    return out
+
+
 def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
     """Whether every soft limit was kept to what is allowed: 1 mm at walls, 0.005 rad, 2 % of speeds and torques."""
     from hdagen.mpc.layout import limits_of
@@ -152,6 +174,7 @@ def _torques(arm: Arm) -> list[float]:
 
 
 def vary(plant: Arm, random: np.random.Generator) -> None:
+    """Draw the plant's parameters anew, each up to 10 % off its nominal value."""
     plant.parameters.reset()
     changed = {}
     for name, described in plant.parameters.described.items():

@@ -90,7 +90,7 @@ def lines(found: tuple[Loop, ...]) -> list[str]:
     for loop in found:
         met = "met" if loop.more <= BAR else "missed"
         out.append(
-            f"  {loop.course}: {loop.once:.5g} and {loop.converged:.5g}, {loop.more:+.2%} (bar: at most {BAR:+.1%}: {met}); "
-            f"largest violation {loop.violated:.2g}"
+            f"  {loop.course}: {loop.once:.5g} and {loop.converged:.5g}, {loop.more:+.2%} "
+            f"(bar: at most {BAR:+.1%}: {met}); largest violation {loop.violated:.2g}"
         )
     return out

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.mpc.comparison import CENTER, TURN, WALLS, default, vary
-from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import Trial, trial
 from hdagen.plant import Arm, Array, load
@@ -145,8 +144,7 @@ def detection(arm: Arm, controller: MPC, size: float, hits: int = 24) -> Detecti
     begun = [round(float(1.0 + k + 0.2 * random.random()), 3) for k in range(hits)]
     angles = random.uniform(0, 2 * np.pi, hits)
     pushes = [
-        Push(t, t + 0.3, (size * float(np.cos(a)), size * float(np.sin(a))))
-        for t, a in zip(begun, angles, strict=True)
+        Push(t, t + 0.3, (size * float(np.cos(a)), size * float(np.sin(a)))) for t, a in zip(begun, angles, strict=True)
     ]
     found = _move(arm, controller, hits + 1.5, 5, pushes)
     called = np.array([r.collision for r in found.reports])
@@ -180,6 +178,7 @@ def lines(found: Sensing) -> list[str]:
     if hours > 0:
         rate = f"about {found.alarms / hours:.0f}" if found.alarms else f"with 95 % fewer than {3 / hours:.0f}"
         out.append(
-            f"false alarms: {found.alarms} in {found.seconds:.0f} s of motion without contact, arms off by 10 %: {rate} an hour"
+            f"false alarms: {found.alarms} in {found.seconds:.0f} s of motion without contact, arms off by 10 %: "
+            f"{rate} an hour"
         )
     return out
