@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -103,11 +104,13 @@ def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None
     return Comparison(tuple(rows), tuned, c)
 
 
-def random_runs(count: int, tuned: dict[str, float], profile: str = "native", first: int = 0) -> Iterator[RandomRun]:
+def random_runs(
+    count: int, tuned: dict[str, float], profile: str = "native", first: int = 0, out: Path | None = None
+) -> Iterator[RandomRun]:
     """Random runs: sizes of pushes, parameters off by up to 10 %, sensor noise, a delay of 1 to 3 ticks that the
     stamps tell of."""
     c = default()
-    arm, plant = load("paper", profile, mpc=c), load("paper", profile, mpc=c)
+    arm, plant = (load("paper", profile, out=out, mpc=c) for _ in range(2))
     far = c.changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0)
     predictive = MPC(arm, c)
     admittance = Controller(arm, LAWS[1], predictive.guard, gains_of(c) | tuned)

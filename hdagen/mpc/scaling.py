@@ -29,9 +29,10 @@ PUSHED = (Push(0.2, 0.4, (6.0, 3.0)),)
 FAR = tuple(replace(wall, offset=10.0) for wall in WALLS)
 LINEAR, CUBIC = 1.1, 3.0  # the largest exponents
 DRIVE = (
-    "ratio", "motor_inertia", "torque_constant", "viscous_friction", "coulomb_friction", "flexspline_stiffness",
-    "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening", "torsional_damping", "max_current",
-)  # fmt: skip
+    *("ratio", "motor_inertia", "torque_constant", "viscous_friction", "coulomb_friction", "torsional_damping"),
+    *("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening"),
+    "max_current",
+)
 BOX = 0.25  # N m at the motor: so low that many bounds are active
 
 
@@ -177,6 +178,7 @@ def lines(found: Scaling, boxed: Box) -> list[str]:
         out.append(f"  {what}: grows with nodes to the power {nodes:.2f}, with joints to the power {joints:.2f}")
     out.append(
         f"torques limited alone ({boxed.active:.1f} active): {boxed.before:.1f} before the measurement, "
-        f"{boxed.after:.1f} after it, {boxed.both:.1f} in all, 99 %: {boxed.ninety_nine:.1f}; interior point in {boxed.interior:.0%}"
+        f"{boxed.after:.1f} after it, {boxed.both:.1f} in all, 99 %: {boxed.ninety_nine:.1f}; "
+        f"interior point in {boxed.interior:.0%}"
     )
     return out
