@@ -91,6 +91,7 @@ def _table(options: argparse.Namespace) -> int:
     if options.json:
         rows = {
             "rows": [asdict(row) for row in found.rows],
+            "free": found.free,
             "tuned": asdict(found.tuned),
             "runs": [asdict(one) for one in runs],
         }

@@ -3,7 +3,7 @@ same over random runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors
 
+SEEDS = 8
 RADIUS, CENTER, TURN, SECONDS = 0.05, (0.2, 0.0), 5.0, 8.0  # of the circle: m, m, s, s
 LAWS = ("impedance_cartesian", "admittance_cartesian")
 FREE = (Push(3.0, 4.0, (15.0, 0.0)), Push(6.0, 7.0, (0.0, 15.0)))  # the paper's Fig. 11
@@ -49,9 +50,11 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The table, and how the admittance law was tuned."""
+    """The table, and how the admittance law was tuned. ``free``: distances where no limit is near by controller, m, one
+    for each seed of the sensors' noise, which is what remains of them."""
 
     rows: tuple[Row, ...]
+    free: Mapping[str, tuple[float, ...]]
     tuned: Tuned
     configuration: Configuration
 
@@ -101,7 +104,21 @@ def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None
             say(f"{course}: {name}")
             found = trial(arm, controller, way, shoves, Sensors(), walls, seed=1)
             rows.append(Row(course, name, outcome(arm, limits, way, found, controller)))
-    return Comparison(tuple(rows), tuned, c)
+    return Comparison(tuple(rows), _free(arm, c, {**controllers, "mpc": predictive}, say), tuned, c)
+
+
+def _free(
+    arm: Arm, c: Configuration, controllers: Mapping[str, Controller], say: Callable[[str], None]
+) -> dict[str, tuple[float, ...]]:
+    _, way, pushes, walls, limits = next(courses(c))
+    out = {}
+    for name, controller in controllers.items():
+        say(f"noise anew: {name}")
+        if isinstance(controller, MPC):
+            controller.configure_with(limits)
+        runs = [trial(arm, controller, way, pushes, Sensors(), walls, seed) for seed in range(1, SEEDS + 1)]
+        out[name] = tuple(outcome(arm, limits, way, found, controller).distance for found in runs)
+    return out
 
 
 def random_runs(
@@ -144,6 +161,8 @@ def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
         out.append(f"  {row.course:32}{row.controller:26}" + "".join(f"{cell:>15}" for cell in cells))
         broken = [f"{name} {value:.3g}" for name, value in o.violated.items() if value > 0]
         out.append(f"    largest violation of each limit, SI: {', '.join(broken) or 'none'}")
+    medians = ", ".join(f"{name} {1e3 * float(np.median(values)):.4f} mm" for name, values in found.free.items())
+    out.append(f"no limit near, median over {SEEDS} seeds of the noise: {medians}")
     gains = ", ".join(f"{name} {value:.1f}" for name, value in found.tuned.gains.items())
     out.append(f"admittance law: inner loop tuned by {METHOD}: {gains} after {found.tuned.evaluations} runs")
     if not runs:

@@ -8,7 +8,7 @@ enum {
     HDA_MPC_ROUNDS = 6,   /* factorisations of the active set */
     HDA_MPC_POLISHES = 8, /* the same after the interior point */
     HDA_MPC_REFINES = 5,  /* solutions with one factorisation */
-    HDA_MPC_INTERIOR = 40 /* iterations of the interior point */
+    HDA_MPC_INTERIOR = 30 /* iterations of the interior point from one start; it has two */
 };
 
 /* Eight rows side by side. */
