@@ -26,8 +26,8 @@ BAR = 5e-3  # of the converged problem's cost
 
 @dataclass(frozen=True)
 class Loop:
-    """A course driven with one step a tick and converged, over the same seeds of the noise: mean prices of both, the share that one step costs more, and the
-    largest violation of any limit in either (SI of its family)."""
+    """A course driven with one step a tick and converged, over the same seeds of the noise: mean prices of both, the
+    share that one step costs more, and the largest violation of any limit in either (SI of its family)."""
 
     course: str
     once: float

@@ -66,7 +66,7 @@ static int periods(const hda_mpc *k, double time) {
 
 /* The estimate at the time of the measurement, then at the tick. A measurement that was seen before says nothing new. */
 static void see(hda_mpc *k, double now, const hda_measurement *m) {
-    const int late = periods(k, now - m->stamp) + (int)k->settings.delay, delay = late < HDA_MPC_LATEST ? late : HDA_MPC_LATEST - 1;
+    const int late = periods(k, now - m->stamp) + (int)k->settings.delay, delay = late < HDA_MPC_LATEST ? late : HDA_MPC_LATEST;
     const int passed = periods(k, m->stamp - k->seen);
     const double period = k->guard.config.period, *s = k->estimator.s;
     if (passed > 0) hda_mpc_estimate(&k->estimator, m, (const double(*)[NU])k->sent[delay], passed, k->c, &k->settings.noise, period, k->settings.by_sensor > 0.0);
