@@ -4,6 +4,7 @@ controller.toml, the truth beside a tick."""
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -85,9 +86,10 @@ def _table(options: argparse.Namespace) -> int:
     with Console(stderr=True).status("starting") as status:
         found = compare(options.profile, status.update)
         runs = []
-        for one in random_runs(options.runs, found.tuned.gains, options.profile) if options.runs > 0 else ():
-            runs.append(one)
-            status.update(f"random run {len(runs)} of {options.runs}")
+        with contextlib.suppress(KeyboardInterrupt):  # long: what is interrupted says what it has
+            for one in random_runs(max(0, options.runs), found.tuned.gains, options.profile):
+                runs.append(one)
+                status.update(f"random run {len(runs)} of {options.runs}, limits kept in {sum(r.kept for r in runs)}")
     if options.json:
         rows = {
             "rows": [asdict(row) for row in found.rows],
