@@ -1,0 +1,53 @@
+"""The names of all figures and tables, and what makes each."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from hdagen.paper.prototype import Bench
+from hdagen.paper.result import Result
+from hdagen.plant import PlantError
+
+Maker = Callable[[Bench], Result]
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A figure or table: its name, the module of `hdagen.paper` whose function of that name makes it, and its title.
+    Figures of one module share runs."""
+
+    name: str
+    module: str
+    title: str
+
+    def make(self, bench: Bench) -> Result:
+        """Simulate and compute it."""
+        maker: Maker = getattr(importlib.import_module(f"hdagen.paper.{self.module}"), self.name)
+        return maker(bench)
+
+
+FIGURES = (
+    Listed("table1", "drive", "Parameters of the validation model"),
+    Listed("table2", "drive", "Parameters of the DC motor"),
+    Listed("fig3b", "drive", "Hysteresis effect: torque against torsion, input locked"),
+    Listed("fig8", "drive", "Stiffness curve of the drive"),
+)
+
+
+def named(names: Sequence[str]) -> tuple[Listed, ...]:
+    """The figures of those names, in their order; "all" is every one. PlantError for one that does not exist."""
+    if "all" in names:
+        return FIGURES
+    known = {figure.name: figure for figure in FIGURES}
+    problems = []
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name.lower().replace(" ", "").replace(".", ""), known, n=1)
+            meant = f" (did you mean {near[0]}?)" if near else ""
+            problems.append(f"no figure or table named {name[:40]!r}{meant}; there are {', '.join(known)}, and all.")
+    if problems:
+        raise PlantError("\n".join(problems))
+    return tuple(known[name] for name in dict.fromkeys(names))
