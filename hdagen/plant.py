@@ -317,6 +317,10 @@ class Arm:
             x[self.index(f"joint_position_{j}")] = joint[j - 1]
             if j in self.manifest["flexible"]:
                 x[self.index(f"motor_position_{j}")] = (joint[j - 1] + twist[j - 1]) * self.parameters[f"ratio_{j}"]
+        for j in self.manifest["flexible"] * 3:  # angles that effects add to the torsion, which hardly depend on it
+            off = self.outputs(x, np.zeros(self.nu))["torsion"][j - 1] - twist[j - 1]
+            if abs(off) > 1e-12:
+                x[self.index(f"motor_position_{j}")] -= off * self.parameters[f"ratio_{j}"]
         return x
 
     # -- checks -----------------------------------------------------------------------------------------------------

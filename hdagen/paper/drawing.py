@@ -43,21 +43,32 @@ def drawn(result: Result) -> tuple[bytes, bytes]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = min(result.columns, len(result.parts))
-    rows = [result.parts[k : k + columns] for k in range(0, len(result.parts), columns)]
+    rows = _rows(result)
+    columns = max(len(row) for row in rows)
+    wide = WIDTH * columns if columns > 1 else WIDE
     heights = [max(_height(part) for part in row) for row in rows]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH * columns if columns > 1 else WIDE, sum(heights) + 0.3), layout="constrained")
+        figure = Figure(figsize=(wide, sum(heights) + 0.3), layout="constrained")
         FigureCanvasAgg(figure)
         grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
-        for k, part in enumerate(result.parts):
-            wide = len(result.parts) == 1 or (k == len(result.parts) - 1 and k % columns == 0)
-            place = grid[k // columns, :] if wide else grid[k // columns, k % columns]
-            _draw(figure.add_subplot(place), part)
+        for k, row in enumerate(rows):
+            for at, part in enumerate(row):
+                _draw(figure.add_subplot(grid[k, :] if len(row) == 1 else grid[k, at]), part, wide)
         svg, png = io.BytesIO(), io.BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "hdagen"})
         figure.savefig(png, format="png", dpi=150, metadata={"Software": "hdagen"})
     return svg.getvalue(), png.getvalue()
+
+
+def _rows(result: Result) -> list[list[Part]]:
+    """The parts row by row; a table has a row of its own."""
+    rows: list[list[Part]] = []
+    for part in result.parts:
+        full = not rows or len(rows[-1]) == result.columns or isinstance(rows[-1][-1], Grid)
+        if full or isinstance(part, Grid):
+            rows.append([])
+        rows[-1].append(part)
+    return rows
 
 
 def _height(part: Part) -> float:
@@ -66,9 +77,9 @@ def _height(part: Part) -> float:
     return WIDTH * 0.85 if isinstance(part, Axes) and part.equal else HEIGHT
 
 
-def _draw(plot: Plot, part: Part) -> None:
+def _draw(plot: Plot, part: Part, wide: float) -> None:
     if isinstance(part, Grid):
-        _grid(plot, part)
+        _grid(plot, part, wide)
     elif isinstance(part, Map):
         _map(plot, part)
     else:
@@ -139,16 +150,16 @@ def _map(plot: Plot, part: Map) -> None:
     plot.set_ylabel(part.y_label)
 
 
-def _grid(plot: Plot, part: Grid) -> None:
+def _grid(plot: Plot, part: Grid, wide: float) -> None:
     """Text in columns as wide as their words, between rules."""
     plot.axis("off")
     plot.set_xlim(0, 1)
     plot.set_ylim(len(part.rows) + 1.0, 0)
     plot.set_title(part.heading, loc="left", fontweight="bold")
     words = [[str(name) for name in part.columns], *([_written(cell, part.digits) for cell in row] for row in part.rows)]
-    widths = [max(text_width(row[k], 1.0) for row in words) + 1.4 for k in range(len(part.columns))]
+    widths = [max(text_width(row[k], 1.0) for row in words) + 1.2 for k in range(len(part.columns))]
     edges = np.concatenate([[0.0], np.cumsum(widths) / sum(widths)])
-    size = min(8.0, 72 * WIDE / sum(widths)) if sum(widths) else 8.0
+    size = min(8.0, 0.95 * 72 * wide / sum(widths))
     for k, row in enumerate(words):
         for left, text in zip(edges, row, strict=False):
             plot.text(left, k + 0.5, text, fontsize=size, va="center", fontweight="bold" if k == 0 else "normal")

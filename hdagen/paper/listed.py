@@ -34,6 +34,7 @@ FIGURES = (
     Listed("table2", "drive", "Parameters of the DC motor"),
     Listed("fig3b", "drive", "Hysteresis effect: torque against torsion, input locked"),
     Listed("fig8", "drive", "Stiffness curve of the drive"),
+    Listed("fig14", "torsion", "Kinematic torsion and the angle of the output"),
 )
 
 
