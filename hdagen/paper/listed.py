@@ -34,6 +34,10 @@ FIGURES = (
     Listed("table2", "drive", "Parameters of the DC motor"),
     Listed("fig3b", "drive", "Hysteresis effect: torque against torsion, input locked"),
     Listed("fig8", "drive", "Stiffness curve of the drive"),
+    Listed("fig11", "compliance", "Admittance control: M, B and K varied"),
+    Listed("fig12", "compliance", "Impedance control: M, B and K varied"),
+    Listed("maps11", "sweeps", "Admittance control: maps over M, B and K, 10 000 sets"),
+    Listed("maps12", "sweeps", "Impedance control: maps over M, B and K"),
     Listed("fig14", "torsion", "Kinematic torsion and the angle of the output"),
 )
 

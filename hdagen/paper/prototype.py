@@ -32,7 +32,7 @@ DISC = 2 * np.pi / 2**18  # rad, of the optical disc
 SAFE_DAMPING = 2e-3  # N m s/rad at the motors: after a fault they stop within J/d = 46 ms
 JUMP = 2.0  # rad of a motor in a tick: five times its largest speed, and more than a count of a Hall sensor
 RADIUS, CENTER, TURN = 0.05, (0.2, 0.0), 5.0  # m, III.C; m and s are assumed: the middle of the workspace, 63 mm/s
-PUSH = 15.0  # N, assumed: what it takes to turn both drives at rest by pushing on the handle
+PUSH = 10.0  # N, assumed; the paper names none. Larger ones take soft settings out of reach
 PUSHES = (Push(3.0, 4.0, (PUSH, 0.0)), Push(6.0, 7.0, (0.0, PUSH)))  # times: III.C
 BANDS = ((3.0, 4.0, f"{PUSH:g} N in x"), (6.0, 7.0, f"{PUSH:g} N in y"))
 TORSION = ("kinematic_square", "kinematic_cube", "kinematic_fourth", "kinematic_fifth")
