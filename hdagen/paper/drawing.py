@@ -135,6 +135,7 @@ def _thinned(x: Any, y: Any) -> tuple[Any, Any]:
 
 def _map(plot: Plot, part: Map) -> None:
     from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.ticker import NullFormatter
 
     values = np.asarray(part.values, float)
     unit = fit(part.value_label, [values], margin=0.0).quantity
@@ -146,8 +147,15 @@ def _map(plot: Plot, part: Map) -> None:
     plot.set_xscale("log" if part.log_x else "linear")
     plot.set_yscale("log" if part.log_y else "linear")
     plot.set_title(part.heading, loc="left", fontweight="bold")
-    plot.set_xlabel(part.x_label)
-    plot.set_ylabel(part.y_label)
+    for label, edges, log, axis in (
+        (part.x_label, part.x, part.log_x, plot.xaxis),
+        (part.y_label, part.y, part.log_y, plot.yaxis),
+    ):
+        found = fit(label, [np.asarray(edges, float)], log=log, margin=0.0)
+        inside = [(value, text) for value, text in found.ticks(6) if found.low <= value <= found.high]
+        axis.set_ticks([value for value, _ in inside], [text for _, text in inside])
+        axis.set_minor_formatter(NullFormatter())
+        axis.set_label_text(label)
 
 
 def _grid(plot: Plot, part: Grid, wide: float) -> None:

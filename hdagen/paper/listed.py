@@ -39,6 +39,15 @@ FIGURES = (
     Listed("maps11", "sweeps", "Admittance control: maps over M, B and K, 10 000 sets"),
     Listed("maps12", "sweeps", "Impedance control: maps over M, B and K"),
     Listed("fig14", "torsion", "Kinematic torsion and the angle of the output"),
+    Listed("fig16", "tracking", "Compliance control: paths of the tip"),
+    Listed("fig17", "tracking", "Position tracking in x and y"),
+    Listed("table3", "tracking", "Parameters of the compliance control"),
+    Listed("table4", "tracking", "Tracking errors"),
+    Listed("fig18", "collision", "Collision: set-up, force and clearance"),
+    Listed("fig19", "collision", "Collision, admittance control"),
+    Listed("fig20", "collision", "Collision, impedance control"),
+    Listed("fig21", "collision", "Collision: both controllers compared"),
+    Listed("table5", "collision", "Parameters of the collision experiment"),
 )
 
 

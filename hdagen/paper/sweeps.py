@@ -65,8 +65,8 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
 
 
 def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, float]]:
-    """Median exponent of a measure (of the push in x) by M, B and K, region by region: −1 halves it where the letter is
-    doubled, 0 leaves it."""
+    """Mean exponent of a measure (of the push in x) by M, B and K, region by region: −1 halves it where the letter is
+    doubled, 0 leaves it. A mean, for settling to a band moves in steps of half a swing."""
     values = table[..., 0, MEASURES.index(measure)]
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(np.where(values > 1e-4, values, np.nan))
@@ -77,7 +77,7 @@ def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, f
         found[letter] = {}
         for region, (low, high) in REGIONS.items():
             inside = slope[(sweep.ratio >= low) & (sweep.ratio < high) & np.isfinite(slope)]
-            found[letter][region] = float(np.median(inside)) if len(inside) > 20 else float("nan")
+            found[letter][region] = float(np.mean(inside)) if len(inside) > 20 else float("nan")
     return found
 
 
@@ -171,9 +171,13 @@ def _table(by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]) ->
     for measure in MEASURES:
         for letter in "MBK":
             arm, ideal = by[measure]["arm"][letter], by[measure]["ideal"][letter]
-            rows.append((f"{measure} by {letter}", *(f"{arm[region]:.2f} ({ideal[region]:.2f})" for region in REGIONS)))
-    columns = ("median exponent, arm (ideal)", *(f"{r}, {a:g} to {b:g}" if b < np.inf else f"{r}, above {a:g}" for r, (a, b) in REGIONS.items()))
+            rows.append((f"{measure} by {letter}", *(_both(arm[region], ideal[region]) for region in REGIONS)))
+    columns = ("mean exponent, arm (ideal)", *(f"{r}, {a:g} to {b:g}" if b < np.inf else f"{r}, above {a:g}" for r, (a, b) in REGIONS.items()))
     return Grid("how much each measure changes with M, B and K", columns, rows)
+
+
+def _both(arm: float, ideal: float) -> str:
+    return " ".join(f"{left}{value:.2f}{right}" if np.isfinite(value) else f"{left}–{right}" for left, value, right in (("", arm, ""), ("(", ideal, ")")))
 
 
 def _claims(by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]], shares: Mapping[tuple[str, str], list[tuple[float, float]]], lost: float) -> list[Claim]:
@@ -198,5 +202,5 @@ def _claims(by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]], s
               f"settling ∝ K^{settles['K'][under]:.2f} under-damped, K^{settles['K']['over-damped']:.2f} over-damped",
               abs(settles["K"][under]) < 0.2, "over-damped a larger K is faster: K/B"),
         Claim("admittance and impedance show similar trends", f"{100 * lost:.1f} % of the sets lose the arm", None,
-              "the medians of both laws stand in their tables"),
+              "the exponents of both laws stand in their tables"),
     ]  # fmt: skip
