@@ -183,14 +183,14 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
     falls_with_b = bool(np.polyfit(np.log(BY_B), by["B"], 1)[0] < 0)
     rises_with_k = bool(np.polyfit(np.log(BY_K), by["K"], 1)[0] > 0)
     lost = [f"set {k + 1} stopped at {one.run.lost:.2f} s" if one.run.lost is not None else f"set {k + 1} {1e3 * one.pushed_back:.1f} mm" for k, one in enumerate(published)]
-    shown = {letter: " / ".join(f"{1e3 * v:.2f}" for v in values) for letter, values in by.items()}
+    shown = {letter: " / ".join(f"{1e6 * v:.0f}" for v in values) for letter, values in by.items()}
     claims = [
         Claim("controller 3, of the least K and the largest B, exhibits the highest compliance", f"{back[0]:.1f} / {back[1]:.1f} / {back[2]:.1f} mm off the path for sets 1 to 3",
               back[2] > back[1] > back[0]),
         Claim("a larger B and a smaller K reduce the vibration (of Fig. 20)",
-              f"B of {BY_B} N s/m: {shown['B']} mm rms above {FAST:g} Hz; K of {BY_K} N/m: {shown['K']} mm", falls_with_b and rises_with_k,
+              f"B of {BY_B} N s/m: {shown['B']} µm rms above {FAST:g} Hz; K of {BY_K} N/m: {shown['K']} µm", falls_with_b and rises_with_k,
               "by the slope over the four values"),
-        Claim("as the compliance increases, the vibration becomes more significant (of Fig. 19 and 20)", f"sets 1 to 3: {' / '.join(f'{1e3 * one.vibration:.2f}' for one in runs)} mm rms",
+        Claim("as the compliance increases, the vibration becomes more significant (of Fig. 19 and 20)", f"sets 1 to 3: {' / '.join(f'{1e6 * one.vibration:.0f}' for one in runs)} µm rms",
               bool(runs[2].vibration > runs[0].vibration), "the paper says both this and the opposite; with B raised as K falls the damping grows"),
         Claim("the published sets of Table V", "; ".join(lost), None,
               "grams without springs are thrown by the sensor's noise" if law == "impedance" else "500 kg hardly notice a bottle: it is shoved out of the way"),
@@ -230,7 +230,7 @@ def fig21(bench: Bench) -> Result:
             f"{1e3 * apart_fine.mean():.2f} mm ({1e3 * apart_fine[touching].mean():.2f} mm)",
             bool(apart.mean() < 0.135e-3),
             f"M, B, K of {SENSIBLE[1]} in both; the published pair cannot be compared, its impedance set stops the arm at {published.run.lost} s. "
-            "0.135 mm is a tenth of what a count of the Hall sensor moves the tip at rest (0.3 mm)",
+            "0.135 mm is a third of the way by which a count of joint 1's Hall sensor moves the tip, 0.37 mm",
         ),
         Claim(
             "an approximate inverse relationship of the two controllers' parameters",
