@@ -70,9 +70,9 @@ def run(options: argparse.Namespace) -> int:
         new += now
     contents = [found[figure.name] for figure in figures]
     if figures == FIGURES:
-        from hdagen.paper import page
+        from hdagen.paper import page, store
 
-        page.write(options.out, contents)
+        page.write(options.out, contents, store.sections(options.out, [figure.name for figure in FIGURES]))
     if options.json:
         print(json.dumps({content["name"]: content["claims"] for content in contents}, indent=1, ensure_ascii=False))
     else:

@@ -172,7 +172,7 @@ def _zeroed(known: Arm, log: Log, zero: Array) -> Array:
     """Zeros (T, n) to add to a disc that takes the torsion at the log's begin for none, until the joint has turned on to
     the disc's index mark."""
     first = slice(0, 50)
-    rows = Log(log.time[first], {name: column[first] for name, column in log.columns.items()}, log.joints, log.source)
+    rows = Log(log.time[first], {name: column[first] for name, column in log.columns.items()}, log.n_joints, log.source)
     torque = estimated(known, rows, zero, 0.041).torsion.mean(axis=0)
     wound = known.evaluate("torsion", joint_torque=torque)["torsion"]
     q = np.stack([log[f"joint_position_{j}"] for j in (1, 2)], axis=1)

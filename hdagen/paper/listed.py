@@ -51,6 +51,7 @@ FIGURES = (
     Listed("fig20", "collision", "Collision, impedance control"),
     Listed("fig21", "collision", "Collision: both controllers compared"),
     Listed("table5", "collision", "Parameters of the collision experiment"),
+    Listed("joints3", "joints", "The outlook: an arm of three joints"),
 )
 
 

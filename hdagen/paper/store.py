@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cache
 from importlib import resources
@@ -15,11 +16,13 @@ import numpy as np
 
 from hdagen.log import write as write_log
 from hdagen.paper.drawing import drawn
+from hdagen.paper.page import section
 from hdagen.paper.result import Result
 from hdagen.plant import PlantError
 from hdagen.whole import whole
 
 SCHEMA = 1
+SECTIONS = "sections"  # folder of what the page takes
 
 
 @cache
@@ -46,9 +49,10 @@ def finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
 def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[str, Any]:
     """Write a figure's files, its JSON last, which says that the others are whole. Raises PlantError."""
     svg, png = drawn(result)
-    files = {f"{result.name}.svg": svg, f"{result.name}.png": png}
+    part = json.dumps(section(result), ensure_ascii=False, indent=1).encode()
+    files = {f"{result.name}.svg": svg, f"{result.name}.png": png, f"{SECTIONS}/{result.name}.json": part}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        (folder / SECTIONS).mkdir(parents=True, exist_ok=True)
         (folder / f"{result.name}.json").unlink(missing_ok=True)
         for file, content in files.items():
             with whole(folder / file, content):
@@ -71,6 +75,11 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
     except OSError as error:
         raise PlantError(f"{folder}: {error.strerror}; choose another place with --out.") from None
     return content
+
+
+def sections(folder: Path, names: Sequence[str]) -> list[dict[str, Any]]:
+    """What the page takes of finished figures."""
+    return [json.loads((folder / SECTIONS / f"{name}.json").read_text(encoding="utf-8")) for name in names]
 
 
 def plain(value: Any) -> Any:
