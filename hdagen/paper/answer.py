@@ -26,7 +26,7 @@ def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
         begin, end = round(push.start / period), round(push.end / period)
         along = moved[begin : end + round(WINDOW / period), :, axis] * np.sign(push.force[axis])
         lost = ~(np.abs(along).max(axis=0) < LOST)
-        during, after = along[: end - begin + 200], along[end - begin :]
+        during, after = along[: end - begin + round(0.2 / period)], along[end - begin :]
         largest = np.where(lost, np.nan, during.max(axis=0))
         outside = np.abs(after) > BAND * largest
         last = len(after) - np.argmax(outside[::-1], axis=0)
@@ -37,7 +37,9 @@ def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
     return np.stack(found, axis=1)
 
 
-def ideally(mass: Array, damping: Array, stiffness: Array, pushes: Sequence[Push], seconds: float, period: float) -> Array:
+def ideally(
+    mass: Array, damping: Array, stiffness: Array, pushes: Sequence[Push], seconds: float, period: float
+) -> Array:
     """Displacement (T, W, 2, m) of M ẍ + B ẋ + K x = F, exact from row to row with the force held."""
     count, T = len(mass), round(seconds / period)
     force = np.zeros((T, 2))

@@ -127,7 +127,17 @@ def fig18(bench: Bench) -> Result:
         f"A bottle of {MASS:g} kg and {1e3 * RADIUS:g} mm radius stands {1e3 * DEEP:g} mm inside the circle, presses back as a spring with a "
         "damper and slides with dry friction. Admittance control, sets as in Fig. 19."
     )
-    return Result("fig18", "Collision: set-up, force and clearance", text, parts, claims, numbers, 2, _choices(), {"set1": stiff.run.log})
+    return Result(
+        "fig18",
+        "Collision: set-up, force and clearance",
+        text,
+        parts,
+        claims,
+        numbers,
+        2,
+        _choices(),
+        {"set1": stiff.run.log},
+    )
 
 
 def _trajectories(bench: Bench, name: str, law: str) -> Result:
@@ -136,7 +146,9 @@ def _trajectories(bench: Bench, name: str, law: str) -> Result:
     for words, runs in found.items():
         for axis, letter in enumerate("xy"):
             time = runs[0].run.log.time
-            curves = [Curve("trajectory input", time, runs[0].run.path[:, axis], color="grey", dash="dashed", width=1.0)]
+            curves = [
+                Curve("trajectory input", time, runs[0].run.path[:, axis], color="grey", dash="dashed", width=1.0)
+            ]
             curves += [Curve(f"MBK{k + 1}", time, _seen(one)[:, axis]) for k, one in enumerate(runs)]
             label = f"({'ab'[axis]}) {letter}-direction" if not words else f"{words}{letter}"
             parts.append(Axes(label, "time (s)", f"{letter} (m)", curves))
@@ -184,7 +196,12 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
     other = [1e3 * one.pushed_back for one in sets(bench, "impedance" if law == "admittance" else "admittance")]
     by = vibrations(bench, law)
     falls_with_b = bool(np.all(np.diff(by["B"]) < 0))
-    lost = [f"set {k + 1} stopped at {one.run.lost:.2f} s" if one.run.lost is not None else f"set {k + 1} {1e3 * one.pushed_back:.1f} mm" for k, one in enumerate(published)]
+    lost = [
+        f"set {k + 1} stopped at {one.run.lost:.2f} s"
+        if one.run.lost is not None
+        else f"set {k + 1} {1e3 * one.pushed_back:.1f} mm"
+        for k, one in enumerate(published)
+    ]
     shown = {letter: " / ".join(f"{1e6 * v:.0f}" for v in values) for letter, values in by.items()}
     claims = [
         Claim("controller 3, of the least K and the largest B, exhibits the highest compliance", f"{back[0]:.1f} / {back[1]:.1f} / {back[2]:.1f} mm off the path for sets 1 to 3",
@@ -214,7 +231,10 @@ def starts(bench: Bench) -> dict[str, tuple[float, float]]:
     tried = {"no observer": ({}, blind), "no observer, no dry friction": (none, blind), "with the observer": ({}, {})}
     found = {}
     for name, (changes, gains) in tried.items():
-        run = bench.once(("starts", name), lambda c=changes, g=gains: tracked(bench, "impedance", SENSIBLE[1], (), TURN, changes=c, gains=g))
+        run = bench.once(
+            ("starts", name),
+            lambda c=changes, g=gains: tracked(bench, "impedance", SENSIBLE[1], (), TURN, changes=c, gains=g),
+        )
         error, begun = np.abs(run.off[:, 0]), run.log.time < 1.0
         found[name] = float(error[begun].max()), float(error[~begun].max())
     return found
@@ -222,7 +242,10 @@ def starts(bench: Bench) -> dict[str, tuple[float, float]]:
 
 def _start(bench: Bench) -> Claim:
     found = starts(bench)
-    words = "; ".join(f"{name}: {1e3 * first:.2f} mm in the first second, {1e3 * later:.2f} mm after it" for name, (first, later) in found.items())
+    words = "; ".join(
+        f"{name}: {1e3 * first:.2f} mm in the first second, {1e3 * later:.2f} mm after it"
+        for name, (first, later) in found.items()
+    )
     with_friction, without = found["no observer"], found["no observer, no dry friction"]
     return Claim(
         "a more noticeable error in x at the beginning, from the starting torque of the drive",
@@ -237,7 +260,9 @@ def fig21(bench: Bench) -> Result:
     one, two = (collided(bench, law, SENSIBLE[1]) for law in ("impedance", "admittance"))
     fine = [collided(bench, law, SENSIBLE[1], fine=True) for law in ("impedance", "admittance")]
     time = one.run.log.time
-    apart, apart_fine = (np.linalg.norm(a.run.simulation.tip - b.run.simulation.tip, axis=1) for a, b in ((one, two), fine))
+    apart, apart_fine = (
+        np.linalg.norm(a.run.simulation.tip - b.run.simulation.tip, axis=1) for a, b in ((one, two), fine)
+    )
     touching = (one.depth > 0) | (two.depth > 0)
     parts = [
         Axes(f"{letter}-direction", "time (s)", f"{letter} (m)", [
@@ -246,7 +271,14 @@ def fig21(bench: Bench) -> Result:
             Curve("admittance", time, two.run.simulation.tip[:, axis], color="vermilion", dash="dashed"),
         ]) for axis, letter in enumerate("xy")
     ]  # fmt: skip
-    parts.append(Axes("distance of the two tips", "time (s)", "distance (m)", [Curve("Hall sensors", time, apart), Curve("4096 counts", time, apart_fine)]))
+    parts.append(
+        Axes(
+            "distance of the two tips",
+            "time (s)",
+            "distance (m)",
+            [Curve("Hall sensors", time, apart), Curve("4096 counts", time, apart_fine)],
+        )
+    )
     published = collided(bench, "impedance", TABLE_5["impedance"][1])
     numbers = {
         "mean_apart": apart.mean(), "mean_apart_touching": apart[touching].mean(), "mean_apart_4096": apart_fine.mean(),
@@ -279,18 +311,33 @@ def table5(bench: Bench) -> Result:
     numbers: dict[str, Mapping[str, float | None]] = {}
     for law in ("admittance", "impedance"):
         for published in (True, False):
-            for k, (mbk, one) in enumerate(zip(TABLE_5[law] if published else SENSIBLE, sets(bench, law, published), strict=True)):
+            for k, (mbk, one) in enumerate(
+                zip(TABLE_5[law] if published else SENSIBLE, sets(bench, law, published), strict=True)
+            ):
                 name = f"{law} {k + 1}{', Table V' if published else ''}"
                 found = numbers[name] = one.numbers()
                 stopped = f"{one.run.lost:.2f}" if one.run.lost is not None else "–"
                 rows.append((name, *mbk, found["largest_force"], 1e3 * (found["slid"] or 0.0), found["work_on_bottle"],
                              1e3 * (found["pushed_back"] or 0.0), 1e3 * (found["clearance_after"] or 0.0), stopped))  # fmt: skip
-    columns = ("", "M (kg)", "B (N s/m)", "K (N/m)", "force (N)", "slid (mm)", "work (J)", "off path (mm)", "clearance (mm)", "stopped (s)")
+    columns = (
+        "",
+        "M (kg)",
+        "B (N s/m)",
+        "K (N/m)",
+        "force (N)",
+        "slid (mm)",
+        "work (J)",
+        "off path (mm)",
+        "clearance (mm)",
+        "stopped (s)",
+    )
     claims = [
         Claim(
             "more compliant sets yield more",
             f"{', '.join(f'{law} ' + ' / '.join(f'{1e3 * one.pushed_back:.1f}' for one in sets(bench, law)) for law in ('admittance', 'impedance'))} mm",
-            all(sets(bench, law)[2].pushed_back > sets(bench, law)[0].pushed_back for law in ("admittance", "impedance")),
+            all(
+                sets(bench, law)[2].pushed_back > sets(bench, law)[0].pushed_back for law in ("admittance", "impedance")
+            ),
         )
     ]
     text = "Largest contact force, way of the bottle, work on it, the tip's largest distance from its path while touching, and how near it comes on the second circle."

@@ -68,13 +68,25 @@ def _figure(bench: Bench, name: str, law: str) -> Result:
         for axis, word in enumerate("xy"):
             values = [f"{letter} = {value:g} {UNITS[letter]}" for value in VARIED[letter]]
             curves = [Curve(words, path.time, one.moved[:, k, axis]) for k, words in enumerate(values)]
-            curves += [Curve("" if k else "ideal", path.time, one.ideal[:, k, axis], color="ink", dash="dotted", width=0.8) for k in range(3)]
-            heading = f"({'abcdef'[2 * row + axis]}) {letter} varied"
-            parts.append(Axes(heading, "time (s)", f"tip off the circle in {word} (m)", curves, bands=[BANDS[axis]]))
+            curves += [
+                Curve("" if k else "ideal", path.time, one.ideal[:, k, axis], color="ink", dash="dotted", width=0.8)
+                for k in range(3)
+            ]
+            heading = f"({'abcdef'[2 * row + axis]}) {word}, {letter} varied"
+            parts.append(Axes(heading, "time (s)", "tip off the circle (m)", curves, bands=[BANDS[axis]]))
     parts.append(_table(every))
-    gap = {letter: float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for letter, one in every.items()}
-    numbers = {letter: dict(zip(("arm", "ideal"), (a.tolist() for a in one.answers()), strict=True)) for letter, one in every.items()}
-    logs = {f"{letter}{value:g}": run.log for letter, one in every.items() for value, run in zip(VARIED[letter], one.runs, strict=True)}
+    gap = {
+        letter: float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for letter, one in every.items()
+    }
+    numbers = {
+        letter: dict(zip(("arm", "ideal"), (a.tolist() for a in one.answers()), strict=True))
+        for letter, one in every.items()
+    }
+    logs = {
+        f"{letter}{value:g}": run.log
+        for letter, one in every.items()
+        for value, run in zip(VARIED[letter], one.runs, strict=True)
+    }
     text = (
         f"The tip on the circle of III.C, pushed by {PUSH:g} N in x from 3 to 4 s and in y from 6 to 7 s; how far it is off "
         f"the moving point. Base: M = {BASE['M']:g} kg, B = {BASE['B']:g} N s/m, K = {BASE['K']:g} N/m. Hall sensors, current "
@@ -85,7 +97,16 @@ def _figure(bench: Bench, name: str, law: str) -> Result:
 
 
 def _table(every: Mapping[str, Varied]) -> Grid:
-    columns = ("", "settling x (s)", "ideal", "overshoot x (%)", "ideal ", "largest x (mm)", "ideal  ", "largest y (mm)")
+    columns = (
+        "",
+        "settling x (s)",
+        "ideal",
+        "overshoot x (%)",
+        "ideal ",
+        "largest x (mm)",
+        "ideal  ",
+        "largest y (mm)",
+    )
     rows: list[tuple[str | float, ...]] = []
     for letter, one in every.items():
         arm, ideal = one.answers()
@@ -105,7 +126,13 @@ def kept(every: Mapping[str, Varied]) -> dict[str, bool]:
     """Which of the paper's claims the runs keep, in both axes."""
     M, B, K = (every[letter].answers()[0] for letter in "MBK")
     swing = np.pi / np.sqrt(min(VARIED["K"]) / BASE["M"] - (BASE["B"] / (2 * BASE["M"])) ** 2)
-    rise = {"M settles": M[..., 0], "M swings": M[..., 1], "B settles": -B[..., 0], "B swings": -B[..., 1], "K moves": -K[..., 2]}
+    rise = {
+        "M settles": M[..., 0],
+        "M swings": M[..., 1],
+        "B settles": -B[..., 0],
+        "B swings": -B[..., 1],
+        "K moves": -K[..., 2],
+    }
     found = {name: bool((np.diff(values, axis=0) > 0).all()) for name, values in rise.items()}
     found["K settles"] = bool((K[..., 0].max(axis=0) - K[..., 0].min(axis=0) < swing).all())
     return found

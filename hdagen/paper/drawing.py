@@ -88,7 +88,10 @@ def _draw(plot: Plot, part: Part, wide: float) -> None:
 
 def _axes(plot: Plot, part: Axes) -> None:
     every = [np.asarray(curve.x, float) for curve in part.curves], [np.asarray(c.y, float) for c in part.curves]
-    across, up = fit(part.x_label, every[0], log=part.log_x).quantity, fit(part.y_label, every[1], log=part.log_y).quantity
+    across, up = (
+        fit(part.x_label, every[0], log=part.log_x).quantity,
+        fit(part.y_label, every[1], log=part.log_y).quantity,
+    )
     for at, curve in enumerate(part.curves):
         _curve(plot, curve, at, across, up)
     for begin, end, words in part.bands:
@@ -129,7 +132,11 @@ def _thinned(x: Any, y: Any) -> tuple[Any, Any]:
     if len(x) <= MOST:
         return x, y
     ends = np.linspace(0, len(x), MOST // 2 + 1).astype(int)
-    rows = [k for a, b in zip(ends[:-1], ends[1:], strict=True) for k in sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})]
+    rows = [
+        k
+        for a, b in zip(ends[:-1], ends[1:], strict=True)
+        for k in sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})
+    ]
     return x[rows], y[rows]
 
 
@@ -164,7 +171,10 @@ def _grid(plot: Plot, part: Grid, wide: float) -> None:
     plot.set_xlim(0, 1)
     plot.set_ylim(len(part.rows) + 1.0, 0)
     plot.set_title(part.heading, loc="left", fontweight="bold")
-    words = [[str(name) for name in part.columns], *([_written(cell, part.digits) for cell in row] for row in part.rows)]
+    words = [
+        [str(name) for name in part.columns],
+        *([_written(cell, part.digits) for cell in row] for row in part.rows),
+    ]
     widths = [max(text_width(row[k], 1.0) for row in words) + 1.2 for k in range(len(part.columns))]
     edges = np.concatenate([[0.0], np.cumsum(widths) / sum(widths)])
     size = min(8.0, 0.95 * 72 * wide / sum(widths))

@@ -32,7 +32,10 @@ def table1(bench: Bench) -> Result:
         ("l_a (m)", "0.15", printed["length"]["nominal"], "Table I, as printed"),
     ]
     same = [_to_digits(value, text) for _, text, value, _ in rows]
-    cells = [(what, text, value, "yes" if fits else "no", how) for (what, text, value, how), fits in zip(rows, same, strict=True)]
+    cells = [
+        (what, text, value, "yes" if fits else "no", how)
+        for (what, text, value, how), fits in zip(rows, same, strict=True)
+    ]
     claims = [
         Claim(
             "K_w0 = 2.5517, K_f0 = 9743.94, c_f = 0.0831, c_w = 27.027 follow from the catalogue by (27) to (31)",
@@ -49,7 +52,9 @@ def table1(bench: Bench) -> Result:
         ),
     ]
     text = "Springs of the compiled arm, which `gen` makes from the catalogue's numbers, beside the printed ones."
-    grid = Grid("Table I: parameters of the validation model", ("parameter", "paper", "here", "same digits", "from"), cells, 7)
+    grid = Grid(
+        "Table I: parameters of the validation model", ("parameter", "paper", "here", "same digits", "from"), cells, 7
+    )
     return Result("table1", "Parameters of the validation model", text, [grid], claims, {"rows": cells}, columns=1)
 
 
@@ -147,7 +152,10 @@ def fig3b(bench: Bench) -> Result:
     run, seen, truth = _locked(bench, load, {})
     law, _, reversible = _locked(bench, load, {"hysteresis_torque_1": 0.0, "hysteresis_torque_2": 0.0})
     whole = slice(3000, None)
-    width, none = _width(truth[whole], run.joint_torque[whole, 0]), _width(reversible[whole], law.joint_torque[whole, 0])
+    width, none = (
+        _width(truth[whole], run.joint_torque[whole, 0]),
+        _width(reversible[whole], law.joint_torque[whole, 0]),
+    )
     turn = slice(9000, 15000)
     loss = abs(float(np.trapezoid(run.joint_torque[turn, 0], truth[turn])))
     claims = [
@@ -194,7 +202,9 @@ def fig8(bench: Bench) -> Result:
     lines = np.where(grid < T1, K1, np.where(grid < T2, K2, K3))
     mids = {"T1/2": T1 / 2, "(T1+T2)/2": (T1 + T2) / 2}
     at_mids = {name: float(k_f0 * (1 + (c_f * value) ** 2)) for name, value in mids.items()}
-    at_zero = float(1 / (1 / k_f0 + 1 / (drive["ratio"]["nominal"] ** 2 * drive["wave_generator_stiffness"]["nominal"])))
+    at_zero = float(
+        1 / (1 / k_f0 + 1 / (drive["ratio"]["nominal"] ** 2 * drive["wave_generator_stiffness"]["nominal"]))
+    )
     over = float(k_f0 * (1 + (c_f * T2) ** 2))
     claims = [
         Claim(
@@ -221,11 +231,15 @@ def fig8(bench: Bench) -> Result:
         ]),
     ]  # fmt: skip
     text = "Joint 1 loaded once to 20 N m with its motor held, the hysteresis element off; stiffness is the slope over 0.5 N m."
-    numbers = {"at_mid_torques": at_mids, "at_T2": over, "at_no_torque": at_zero, "torque": grid, "stiffness": stiffness}
+    numbers = {
+        "at_mid_torques": at_mids,
+        "at_T2": over,
+        "at_no_torque": at_zero,
+        "torque": grid,
+        "stiffness": stiffness,
+    }
     return Result("fig8", "Stiffness curve of the drive", text, parts, claims, numbers, 2, logs={"loaded": run.log})
 
 
 def _lines_torsion(torque: Array) -> Array:
-    return (
-        np.minimum(torque, T1) / K1 + np.clip(torque - T1, 0, T2 - T1) / K2 + np.clip(torque - T2, 0, None) / K3
-    )
+    return np.minimum(torque, T1) / K1 + np.clip(torque - T1, 0, T2 - T1) / K2 + np.clip(torque - T2, 0, None) / K3

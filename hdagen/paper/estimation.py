@@ -47,7 +47,10 @@ def fig9(bench: Bench) -> Result:
     time = np.arange(8000) * PERIOD
     wave = {"step": PEAK * (time >= 0.1), "sine": PEAK * np.sin(time)}
     sensors = Sensors(motor_resolution=(ENCODER,) * 2, joint_resolution=(DISC,) * 2)
-    runs = {name: driven(arm, np.stack([i, i], axis=1), np.zeros((len(time), 2)), [0.4, 0.9], sensors) for name, i in wave.items()}
+    runs = {
+        name: driven(arm, np.stack([i, i], axis=1), np.zeros((len(time), 2)), [0.4, 0.9], sensors)
+        for name, i in wave.items()
+    }
     found = {name: estimated(arm, run.log) for name, run in runs.items()}
     J, rotor = 0.876, 100.0**2 * arm.parameters["motor_inertia_1"]
     from scipy.optimize import brentq
@@ -57,7 +60,10 @@ def fig9(bench: Bench) -> Result:
     other = bench.arm(TABLE_1, {"inertia_2": outer})
     twice = driven(other, np.stack([wave["step"]] * 2, axis=1), np.zeros((len(time), 2)), [0.4, 0.9], sensors)
     steady = (time > 0.5) & (time < 2.0)
-    ratio = {name: float(np.mean(run.joint_torque[steady, 0]) / np.mean(run.joint_torque[steady, 1])) for name, run in (("step", runs["step"]), ("lighter second arm", twice))}
+    ratio = {
+        name: float(np.mean(run.joint_torque[steady, 0]) / np.mean(run.joint_torque[steady, 1]))
+        for name, run in (("step", runs["step"]), ("lighter second arm", twice))
+    }
     errors = {name: rms(one.whole - runs[name].joint_torque) for name, one in found.items()}
     peak = {name: np.abs(run.joint_torque).max(axis=0) for name, run in runs.items()}
     parts = [
@@ -77,10 +83,33 @@ def fig9(bench: Bench) -> Result:
               "encoders of 4096 counts and 2¹⁸; Table I's arm has neither hysteresis nor kinematic torsion"),
     ]  # fmt: skip
     text = "Table I's arm, as printed, under equal currents in both motors; the true torque and the estimate from motor and joint angles."
-    numbers = {"ratio": ratio, "inner_inertia_for_two": inner, "outer_inertia_for_two": outer, "rms_error": errors, "peak": peak}
+    numbers = {
+        "ratio": ratio,
+        "inner_inertia_for_two": inner,
+        "outer_inertia_for_two": outer,
+        "rms_error": errors,
+        "peak": peak,
+    }
     logs = {name: run.log for name, run in runs.items()}
-    choices = [Choice("masses of the links", "none beside J_a, as Table I has it", f"a second arm of {outer:.2f} kg m² gives the ratio of two")]
-    return Result("fig9", "Numerical validation of torque estimation", text, parts, claims, numbers, 2, choices, logs, dict.fromkeys(logs, TABLE_1))
+    choices = [
+        Choice(
+            "masses of the links",
+            "none beside J_a, as Table I has it",
+            f"a second arm of {outer:.2f} kg m² gives the ratio of two",
+        )
+    ]
+    return Result(
+        "fig9",
+        "Numerical validation of torque estimation",
+        text,
+        parts,
+        claims,
+        numbers,
+        2,
+        choices,
+        logs,
+        dict.fromkeys(logs, TABLE_1),
+    )
 
 
 # -- Fig. 15 ----------------------------------------------------------------------------------------------------------
@@ -98,7 +127,9 @@ def compensating(bench: Bench, fine: bool) -> tuple[Arm, Array]:
     return bench.arm(changes=changes), np.array([found[0] for found in fits.values()])
 
 
-def handled(bench: Bench, powered: bool, sensors: Sensors | None, changes: Mapping[str, float] | None = None, before: str = "") -> Driven:
+def handled(
+    bench: Bench, powered: bool, sensors: Sensors | None, changes: Mapping[str, float] | None = None, before: str = ""
+) -> Driven:
     """The handle pushed to and fro for 10 s; powered: both motors give 4 N m at the joint, slowly to and fro.
     ``before``: "leaned", the arm had been leaned on before the log begins; "held", a hand holds it when it begins."""
     early = round(2.0 / PERIOD) if before else 0
@@ -113,7 +144,9 @@ def handled(bench: Bench, powered: bool, sensors: Sensors | None, changes: Mappi
         current[:] = (level * np.sign(np.cos(2 * np.pi * time / 5.0)) * (time >= 0))[:, None]
     arm = bench.arm(changes={**machine(), **(changes or {})})
     found = driven(arm, current, push, POSTURE, sensors, 1)
-    log = Log(time[early:], {name: column[early:].copy() for name, column in found.log.columns.items()}, 2, found.log.source)
+    log = Log(
+        time[early:], {name: column[early:].copy() for name, column in found.log.columns.items()}, 2, found.log.source
+    )
     return Driven(log, found.state[early:], found.joint_torque[early:], found.tip[early:])
 
 
@@ -122,7 +155,10 @@ def compared(bench: Bench, run: Driven, fine: bool) -> dict[str, Estimates]:
     smoothing = SMOOTHING if fine else HALL_SMOOTHING
     known, zero = compensating(bench, fine)
     plain = bench.arm(changes=uncompensated(bench.arm()))
-    return {"compensated": estimated(known, run.log, zero, smoothing), "uncompensated": estimated(plain, run.log, 0.0, smoothing)}
+    return {
+        "compensated": estimated(known, run.log, zero, smoothing),
+        "uncompensated": estimated(plain, run.log, 0.0, smoothing),
+    }
 
 
 def defined(run: Driven) -> Array:
@@ -138,7 +174,9 @@ def by_axis(run: Driven, found: Mapping[str, Estimates]) -> dict[str, list[float
     def over(values: Array) -> list[float]:
         return [float(np.sqrt(np.nanmean((values - run.joint_torque)[rows[:, j], j] ** 2))) for j in range(2)]
 
-    table = {f"{name}, {kind}": over(getattr(one, kind)) for name, one in found.items() for kind in ("torsion", "whole")}
+    table = {
+        f"{name}, {kind}": over(getattr(one, kind)) for name, one in found.items() for kind in ("torsion", "whole")
+    }
     with_current = np.isfinite(found["compensated"].current).any(axis=0).all()
     return table | ({"from current": over(found["compensated"].current)} if with_current else {})
 
@@ -198,7 +236,11 @@ def fig15(bench: Bench) -> Result:
     """The handle pushed, unpowered and powered."""
     static, moving = handled(bench, False, fine_sensors()), handled(bench, True, fine_sensors())
     hall = handled(bench, True, None)
-    found = {"static": compared(bench, static, True), "moving": compared(bench, moving, True), "hall": compared(bench, hall, False)}
+    found = {
+        "static": compared(bench, static, True),
+        "moving": compared(bench, moving, True),
+        "hall": compared(bench, hall, False),
+    }
     runs = {"static": static, "moving": moving, "hall": hall}
     table = {name: by_axis(runs[name], found[name]) for name in runs}
     peak = {name: np.abs(run.joint_torque).max(axis=0).tolist() for name, run in runs.items()}
@@ -211,7 +253,17 @@ def fig15(bench: Bench) -> Result:
         "Kinematic torsion as published, taken off as Fig. 14 found it. Encoders of 4096 counts and 2¹⁸; Hall sensors in the table."
     )
     logs = {"static": static.log, "moving": moving.log, "moving_hall": hall.log}
-    return Result("fig15", "Torque estimation of both joints", text, parts, _claims(table, peak, filters, why), numbers, 2, _choices(), logs)
+    return Result(
+        "fig15",
+        "Torque estimation of both joints",
+        text,
+        parts,
+        _claims(table, peak, filters, why),
+        numbers,
+        2,
+        _choices(),
+        logs,
+    )
 
 
 def _panels(static: Driven, moving: Driven, found: Mapping[str, Mapping[str, Estimates]]) -> list[Axes]:
@@ -226,14 +278,37 @@ def _panels(static: Driven, moving: Driven, found: Mapping[str, Mapping[str, Est
             Curve("estimated", time, found[name]["compensated"].whole[:, j], color="blue", dash="solid", width=0.9),
         ]
         if heading.startswith("(b)"):
-            curves.append(Curve("by torsion alone, not smoothed", time, found[name]["compensated"].torsion[:, j], color="orange", dash="solid", width=0.4))
+            curves.append(
+                Curve(
+                    "by torsion alone, not smoothed",
+                    time,
+                    found[name]["compensated"].torsion[:, j],
+                    color="orange",
+                    dash="solid",
+                    width=0.4,
+                )
+            )
         else:
-            curves.append(Curve("uncompensated", time, np.clip(found[name]["uncompensated"].whole[:, j], -12, 12), color="vermilion", dash="dashed", width=0.9))
+            curves.append(
+                Curve(
+                    "uncompensated",
+                    time,
+                    np.clip(found[name]["uncompensated"].whole[:, j], -12, 12),
+                    color="vermilion",
+                    dash="dashed",
+                    width=0.9,
+                )
+            )
         panels.append(Axes(heading, "time (s)", "joint torque (N m)", curves))
     return panels
 
 
-def _tables(table: Mapping[str, Mapping[str, list[float]]], peak: Mapping[str, list[float]], filters: Mapping[str, tuple[list[float], list[float]]], why: Mapping[str, tuple[float, float]]) -> list[Grid]:
+def _tables(
+    table: Mapping[str, Mapping[str, list[float]]],
+    peak: Mapping[str, list[float]],
+    filters: Mapping[str, tuple[list[float], list[float]]],
+    why: Mapping[str, tuple[float, float]],
+) -> list[Grid]:
     labels = {"static": "static, 4096 counts", "moving": "moving, 4096 counts", "hall": "moving, Hall sensors"}
     rows: list[tuple[str | float, ...]] = [
         (f"{labels[name]}: {kind}", *errors, *(100 * e / p for e, p in zip(errors, peak[name], strict=True)))
@@ -241,7 +316,9 @@ def _tables(table: Mapping[str, Mapping[str, list[float]]], peak: Mapping[str, l
     ]  # fmt: skip
     for name, (errors, peaks) in filters.items():
         shares = (100 * e / p for e, p in zip(errors, peaks, strict=True))
-        rows.append((f"Kalman filter at the tick, {'Hall sensors' if name == 'hall' else '4096 counts'}", *errors, *shares))
+        rows.append(
+            (f"Kalman filter at the tick, {'Hall sensors' if name == 'hall' else '4096 counts'}", *errors, *shares)
+        )
     return [
         Grid("rms error of the torque estimate", ("", "joint 1 (N m)", "joint 2 (N m)", "joint 1 (% of peak)", "joint 2 (% of peak)"), rows, 3),
         Grid("start-up error of joint 1, each cause alone", ("cause", "first second (N m rms)", "after it (N m rms)", "ratio"),
@@ -249,7 +326,12 @@ def _tables(table: Mapping[str, Mapping[str, list[float]]], peak: Mapping[str, l
     ]  # fmt: skip
 
 
-def _claims(table: Mapping[str, Mapping[str, list[float]]], peak: Mapping[str, list[float]], filters: Mapping[str, tuple[list[float], list[float]]], why: Mapping[str, tuple[float, float]]) -> list[Claim]:
+def _claims(
+    table: Mapping[str, Mapping[str, list[float]]],
+    peak: Mapping[str, list[float]],
+    filters: Mapping[str, tuple[list[float], list[float]]],
+    why: Mapping[str, tuple[float, float]],
+) -> list[Claim]:
     ours, plain, peaks = table["moving"]["compensated, whole"], table["moving"]["uncompensated, whole"], peak["moving"]
     share = [e / p for e, p in zip(ours, peaks, strict=True)]
     times = [b / a for a, b in zip(ours, plain, strict=True)]
@@ -279,7 +361,13 @@ def _claims(table: Mapping[str, Mapping[str, list[float]]], peak: Mapping[str, l
 
 
 def _choices() -> list[Choice]:
-    return [Choice("0.4 N m at the motor and 4 N m", "4 N m at the joint, 0.04 N m at the motor", "0.4 N m at the motor is 7.6 A and 40 N m at the joint: beyond its limit")]
+    return [
+        Choice(
+            "0.4 N m at the motor and 4 N m",
+            "4 N m at the joint, 0.04 N m at the motor",
+            "0.4 N m at the motor is 7.6 A and 40 N m at the joint: beyond its limit",
+        )
+    ]
 
 
 # -- what resolution buys ---------------------------------------------------------------------------------------------
@@ -303,7 +391,10 @@ def resolution(bench: Bench) -> Result:
         ] + [Curve("5 % of peak", COUNTS, np.full(len(COUNTS), BAR * peak[j]), color="grey", dash="dotted", width=1.0)], log_x=True, log_y=True)
         for j in range(2)
     ]  # fmt: skip
-    enough = [[counts for counts, row in zip(COUNTS, table[:, :, j], strict=True) if row[BITS.index(18)] < BAR * peak[j]] for j in range(2)]
+    enough = [
+        [counts for counts, row in zip(COUNTS, table[:, :, j], strict=True) if row[BITS.index(18)] < BAR * peak[j]]
+        for j in range(2)
+    ]
     least = [min(found, default=None) for found in enough]
     claims = [Claim("(the paper does not say what its encoders suffice for)", f"with a disc of 2¹⁸, from {least[0]} and {least[1]} counts at the motor on the error is below 5 % of the peak", None,
                     "above some 2000 counts the error is that of disc, smoothing and hysteresis")]  # fmt: skip

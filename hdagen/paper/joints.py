@@ -20,7 +20,9 @@ def joints3(bench: Bench) -> Result:
     """Impedance and admittance control of three joints, and their torques estimated."""
     path, arm = turns(SECONDS), bench.arm(THREE)
     runs = {
-        law: run(arm, controller(arm, law, cartesian(*BASE.values()), fine=True), path, PUSHES, fine_sensors(3), 1, NEAR)
+        law: run(
+            arm, controller(arm, law, cartesian(*BASE.values()), fine=True), path, PUSHES, fine_sensors(3), 1, NEAR
+        )
         for law in LAWS
     }
     ideal = ideally(*(np.array([BASE[letter]]) for letter in "MBK"), PUSHES, SECONDS, PERIOD)[:, 0]
@@ -31,7 +33,7 @@ def joints3(bench: Bench) -> Result:
     error, peak = rms(found.whole - truth), np.abs(truth).max(axis=0)
     parts = [
         *(
-            Axes(f"tip off the circle in {word}", "time (s)", f"{word} (m)", [
+            Axes(f"in {word}", "time (s)", "tip off the circle (m)", [
                 *(Curve(law, path.time, off[:, axis]) for law, off in moved.items()),
                 Curve("ideal", path.time, ideal[:, axis], color="ink", dash="dotted"),
             ], bands=[BANDS[axis]]) for axis, word in enumerate("xy")
@@ -46,7 +48,10 @@ def joints3(bench: Bench) -> Result:
     ]  # fmt: skip
     answer = {law: answers(off[:, None], PUSHES, PERIOD)[0] for law, off in moved.items()}
     promised = answers(ideal[:, None], PUSHES, PERIOD)[0]
-    rows = [(law, *(float(v) for pair in table for v in (pair[0], 100 * pair[1], 1e3 * pair[2]))) for law, table in {**answer, "ideal": promised}.items()]
+    rows = [
+        (law, *(float(v) for pair in table for v in (pair[0], 100 * pair[1], 1e3 * pair[2])))
+        for law, table in {**answer, "ideal": promised}.items()
+    ]
     columns = ("", *(f"{what} {axis}" for axis in "xy" for what in ("settling (s)", "overshoot (%)", "largest (mm)")))
     parts.append(Grid("how the tip answers", columns, rows, 3))
     refused = {law: int((one.status < 0).sum()) for law, one in runs.items()}
@@ -62,4 +67,14 @@ def joints3(bench: Bench) -> Result:
     numbers = {"largest_gap_to_ideal": gap, "torque_rms_error": error, "torque_peak": peak, "refused": refused}
     text = "An arm of three of the prototype's drives on the same circle, with the same pushes, laws and gains, encoders of 4096 counts."
     logs = {law: one.log for law, one in runs.items()}
-    return Result("joints3", "An arm of three joints", text, parts, claims, numbers, 2, logs=logs, robots=dict.fromkeys(logs, THREE))
+    return Result(
+        "joints3",
+        "An arm of three joints",
+        text,
+        parts,
+        claims,
+        numbers,
+        2,
+        logs=logs,
+        robots=dict.fromkeys(logs, THREE),
+    )

@@ -12,6 +12,8 @@ from hdagen.pages import figure, page
 from hdagen.pages.page import Section
 from hdagen.paper.result import Axes, Claim, Grid, Map, Result
 
+SAYS, WHY = ("the paper says", "here"), "why they differ, or from where on"
+OPEN, ERRATA = ("question", "taken", "alternatives"), ("printed", "checked", "how it shows")
 HOLDS = {True: "yes", False: "no", None: "–"}
 
 
@@ -52,7 +54,10 @@ def _alike(one: Axes, other: object) -> bool:
 def _planes(result: Result, group: Sequence[Axes]) -> str:
     drawn = [
         figure.Plane(
-            [figure.Curve(c.label, c.x, c.y, color=c.color, dash=c.dash, draw=c.draw, width=c.width) for c in axes.curves],
+            [
+                figure.Curve(c.label, c.x, c.y, color=c.color, dash=c.dash, draw=c.draw, width=c.width)
+                for c in axes.curves
+            ],
             heading=axes.heading,
             marks=axes.marks,
         )
@@ -76,7 +81,7 @@ def section(result: Result) -> dict[str, Any]:
 def claims_table(claims: Sequence[Claim]) -> str:
     """The lines "the paper says … / here …"."""
     rows = [(claim.paper, claim.here, HOLDS[claim.holds], claim.why or "–") for claim in claims]
-    return figure.table("The paper and here", ("the paper says", "here", "holds", "why they differ, or from where on"), rows)
+    return figure.table("The paper and here", (*SAYS, "holds", WHY), rows, sentences=(*SAYS, WHY))
 
 
 def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequence[Mapping[str, Any]]) -> Path:
@@ -93,7 +98,7 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
             "Every claim",
             "What the paper says, what came out on its virtual prototype, and whether that is the same. The sections below "
             "have the figures, and why they differ where they do.",
-            [figure.table("The paper and here", ("", "the paper says", "here", "holds"), summary)],
+            [figure.table("The paper and here", ("", *SAYS, "holds"), summary, sentences=SAYS)],
         ),
         *(
             Section(f"{heading(content['name'])}: {content['title']}", made["text"], made["figures"])
@@ -102,12 +107,12 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
         Section(
             "What the paper leaves open",
             "What was taken, and what the alternatives give.",
-            [figure.table("Choices", ("", "question", "taken", "alternatives"), choices)],
+            [figure.table("Choices", ("", *OPEN), choices, sentences=OPEN)],
         ),
         Section(
             "Errata",
             "The paper's equations: as printed, as used, and how it shows. Each is a test.",
-            [figure.table("Errata", ("equation", "printed", "checked", "how it shows"), errata())],
+            [figure.table("Errata", ("equation", *ERRATA), errata(), sentences=ERRATA)],
         ),
     ]
     verdict = (
@@ -136,5 +141,9 @@ def heading(name: str) -> str:
 def errata() -> list[list[str]]:
     """The rows of docs/errata.md, as they ship with the package: equation, printed, checked, how it shows."""
     text = resources.files("hdagen.data").joinpath("errata.md").read_text("utf-8")
-    rows = [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]
+    rows = [
+        [cell.strip() for cell in line.strip().strip("|").split("|")]
+        for line in text.splitlines()
+        if line.startswith("|")
+    ]
     return [row[:4] for row in rows[2:]]

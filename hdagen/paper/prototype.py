@@ -118,7 +118,9 @@ class Driven:
     tip: Array
 
 
-def driven(arm: Arm, current: Array, push: Array, q: ArrayLike, sensors: Sensors | None = None, seed: int = 0) -> Driven:
+def driven(
+    arm: Arm, current: Array, push: Array, q: ArrayLike, sensors: Sensors | None = None, seed: int = 0
+) -> Driven:
     """``current`` (T, n, A) commanded and ``push`` (T, 2, N) on the tip, from rest at joint positions ``q``; dry
     friction set-valued. The log holds what sensors read, the joint torque sensors too."""
     from hdagen.simulate import errors

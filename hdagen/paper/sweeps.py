@@ -21,7 +21,7 @@ SHAPES = {"admittance": (16, 25, 25), "impedance": (10, 16, 16)}  # 10 000 and 2
 LABELS = {"M": "M (kg)", "B": "B (N s/m)", "K": "K (N/m)"}
 VALUES = ("settling time (s)", "overshoot (1)", "largest displacement (m)")
 REGIONS = {"under-damped": (0.0, 0.7), "near critical": (0.7, 1.4), "over-damped": (1.4, np.inf)}  # damping ratio
-TOGETHER = 500  # sets of the ideal at once
+TOGETHER, COARSE = 2000, 0.01  # sets of the ideal at once; s from row to row of it, exact at its rows
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,11 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
     sides = [np.geomspace(*RANGES[letter], count) for letter, count in zip("MBK", shape, strict=True)]
     M, B, K = np.meshgrid(*sides, indexing="ij")
     path, known = turns(SECONDS), bench.once("known", bench.arm)
-    gains = {f"{name}_{axis}": grid.ravel() for name, grid in (("mass", M), ("damping", B), ("stiffness", K)) for axis in "xy"}
+    gains = {
+        f"{name}_{axis}": grid.ravel()
+        for name, grid in (("mass", M), ("damping", B), ("stiffness", K))
+        for axis in "xy"
+    }
     law_of = controller(known, law, fine=True)
 
     def judge(tip: Array, _: Array) -> Array:
@@ -57,7 +61,7 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
     took = time.perf_counter() - begun
     flat = M.ravel(), B.ravel(), K.ravel()
     ideals = [
-        answers(ideally(*(column[k : k + TOGETHER] for column in flat), PUSHES, SECONDS, PERIOD), PUSHES, PERIOD)
+        answers(ideally(*(column[k : k + TOGETHER] for column in flat), PUSHES, SECONDS, COARSE), PUSHES, COARSE)
         for k in range(0, M.size, TOGETHER)
     ]
     size = (*shape, len(PUSHES), len(MEASURES))
@@ -98,7 +102,13 @@ def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list
     return found
 
 
-CLAIMS = (("M", "settling", 1), ("M", "overshoot", 1), ("B", "settling", -1), ("B", "overshoot", -1), ("K", "largest", -1))
+CLAIMS = (
+    ("M", "settling", 1),
+    ("M", "overshoot", 1),
+    ("B", "settling", -1),
+    ("B", "overshoot", -1),
+    ("K", "largest", -1),
+)
 WORDS = {
     ("M", "settling"): "smaller M settles faster", ("M", "overshoot"): "smaller M overshoots less",
     ("B", "settling"): "larger B settles faster", ("B", "overshoot"): "larger B overshoots less",
@@ -126,7 +136,10 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
     sweep = swept(bench, law, SHAPES[law])
     shares = {key[:2]: share_that_keeps(sweep, *key) for key in CLAIMS}
     curves = [Curve(WORDS[key], *np.array(found).T) for key, found in shares.items()]
-    by = {measure: {"arm": exponents(sweep, sweep.arm, measure), "ideal": exponents(sweep, sweep.ideal, measure)} for measure in MEASURES}
+    by = {
+        measure: {"arm": exponents(sweep, sweep.arm, measure), "ideal": exponents(sweep, sweep.ideal, measure)}
+        for measure in MEASURES
+    }
     heading = "where each claim holds: share of neighbouring sets that keep it"
     parts = [
         *_planes(sweep),
@@ -144,7 +157,9 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
         "current loop, delay, friction with the smooth sign, hysteresis and torsion. Maps are planes of the grid through the "
         f"set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x."
     )
-    return Result(name, f"{law.capitalize()} control, maps over M, B and K", text, parts, _claims(by, shares, lost), numbers, 3)
+    return Result(
+        name, f"{law.capitalize()} control, maps over M, B and K", text, parts, _claims(by, shares, lost), numbers, 3
+    )
 
 
 def _planes(sweep: Sweep) -> list[Map]:
@@ -157,7 +172,9 @@ def _planes(sweep: Sweep) -> list[Map]:
             plane = np.take(sweep.arm[..., 0, measure], at[fixed], axis="MBK".index(fixed))
             rows = plane.T if "MBK".index(across) < "MBK".index(up) else plane
             heading = f"{label.partition(' (')[0]}, {fixed} = {sides[fixed][at[fixed]]:.3g}"
-            found.append(Map(heading, LABELS[across], LABELS[up], label, _edges(sides[across]), _edges(sides[up]), rows))
+            found.append(
+                Map(heading, LABELS[across], LABELS[up], label, _edges(sides[across]), _edges(sides[up]), rows)
+            )
     return found
 
 
@@ -172,15 +189,25 @@ def _table(by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]) ->
         for letter in "MBK":
             arm, ideal = by[measure]["arm"][letter], by[measure]["ideal"][letter]
             rows.append((f"{measure} by {letter}", *(_both(arm[region], ideal[region]) for region in REGIONS)))
-    columns = ("mean exponent, arm (ideal)", *(f"{r}, {a:g} to {b:g}" if b < np.inf else f"{r}, above {a:g}" for r, (a, b) in REGIONS.items()))
+    columns = (
+        "mean exponent, arm (ideal)",
+        *(f"{r}, {a:g} to {b:g}" if b < np.inf else f"{r}, above {a:g}" for r, (a, b) in REGIONS.items()),
+    )
     return Grid("how much each measure changes with M, B and K", columns, rows)
 
 
 def _both(arm: float, ideal: float) -> str:
-    return " ".join(f"{left}{value:.2f}{right}" if np.isfinite(value) else f"{left}–{right}" for left, value, right in (("", arm, ""), ("(", ideal, ")")))
+    return " ".join(
+        f"{left}{value:.2f}{right}" if np.isfinite(value) else f"{left}–{right}"
+        for left, value, right in (("", arm, ""), ("(", ideal, ")"))
+    )
 
 
-def _claims(by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]], shares: Mapping[tuple[str, str], list[tuple[float, float]]], lost: float) -> list[Claim]:
+def _claims(
+    by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]],
+    shares: Mapping[tuple[str, str], list[tuple[float, float]]],
+    lost: float,
+) -> list[Claim]:
     settles, largest = by["settling"]["arm"], by["largest"]["arm"]
 
     def where(key: tuple[str, str]) -> str:

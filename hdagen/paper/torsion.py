@@ -49,7 +49,13 @@ class Fit:
 
 
 def turned(
-    bench: Bench, j: int, above: float, direction: int, changes: Mapping[str, float], turns: float = 1.0, fine: bool = False
+    bench: Bench,
+    j: int,
+    above: float,
+    direction: int,
+    changes: Mapping[str, float],
+    turns: float = 1.0,
+    fine: bool = False,
 ) -> Driven:
     """Joint j turned by a constant motor torque, ``above`` running friction; backwards it begins ``turns`` on."""
     arm = bench.arm(changes=changes)
@@ -64,7 +70,9 @@ def turned(
 
 def difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:
     """(turns of the output as the motor has it, angles' difference) of a log."""
-    return log[f"motor_position_{j}"] / (2 * np.pi * ratio), log[f"motor_position_{j}"] / ratio - log[f"joint_position_{j}"]
+    return log[f"motor_position_{j}"] / (2 * np.pi * ratio), log[f"motor_position_{j}"] / ratio - log[
+        f"joint_position_{j}"
+    ]
 
 
 def acceleration(log: Log, j: int) -> Array:
@@ -152,7 +160,9 @@ def _pair(angle: Array) -> Array:
 def slowly(bench: Bench, changes: Mapping[str, float]) -> Log:
     """Joint 1 turned three times at 0.2 rad/s, from a part of a turn before: what the springs do by then is constant."""
     arm = bench.arm(changes=changes)
-    friction = arm.parameters["coulomb_friction_1"] + SLOW * arm.parameters["ratio_1"] * arm.parameters["viscous_friction_1"]
+    friction = (
+        arm.parameters["coulomb_friction_1"] + SLOW * arm.parameters["ratio_1"] * arm.parameters["viscous_friction_1"]
+    )
     seconds = (HELD_OUT + 2 * BEFORE) * 2 * np.pi / SLOW
     current = np.zeros((round(seconds / PERIOD), 2))
     current[:, 0] = friction / arm.parameters["torque_constant_1"]
@@ -192,7 +202,9 @@ def measured(bench: Bench, j: int, fine: bool) -> Measured:
 
     def make() -> Measured:
         changes = torsion_of(j, SETS[j])
-        logs = {(above, way): turned(bench, j, above, way, changes, fine=fine).log for above in ABOVE for way in (1, -1)}
+        logs = {
+            (above, way): turned(bench, j, above, way, changes, fine=fine).log for above in ABOVE for way in (1, -1)
+        }
         found = fit([(log, way, above) for (above, way), log in logs.items()], j, 100.0)
         return Measured(j, logs, found)
 
@@ -211,7 +223,8 @@ def fig14(bench: Bench) -> Result:
     truths = {
         "as published": torsion_of(1, A),
         "its ratio error taken out": torsion_of(1, [A[0], -sum(A[2:]), *A[2:]]),
-        "and the wave generator's error": torsion_of(1, [A[0], -sum(A[2:]), *A[2:]]) | {"kinematic_sine_twice_1": TWICE},
+        "and the wave generator's error": torsion_of(1, [A[0], -sum(A[2:]), *A[2:]])
+        | {"kinematic_sine_twice_1": TWICE},
     }
     left, slow = {}, {}
     for name, changes in truths.items():
@@ -233,7 +246,17 @@ def fig14(bench: Bench) -> Result:
         "published torsion in the arm; (13) is fitted to all six logs, a torsion by acceleration and one by direction "
         "beside it. Below: which basis predicts the turns after the one it was fitted to."
     )
-    return Result("fig14", "Kinematic torsion and the output's angle", text, parts, _claims(every, left, best), numbers, 2, _choices(), logs)
+    return Result(
+        "fig14",
+        "Kinematic torsion and the output's angle",
+        text,
+        parts,
+        _claims(every, left, best),
+        numbers,
+        2,
+        _choices(),
+        logs,
+    )
 
 
 def _panel(fine: Measured, hall: Measured, heading: str) -> Axes:
@@ -245,8 +268,12 @@ def _panel(fine: Measured, hall: Measured, heading: str) -> Axes:
         name = f"{1e3 * above:.0f} mN m {'forward' if way > 0 else 'back'}"
         curves.append(Curve(name, at[inside][::20], y[inside][::20], "points", width=0.7))
     curves.append(Curve("published", s, curve(SETS[fine.j], s), color="ink", dash="solid", width=2.0))
-    curves.append(Curve("fit, 4096 counts", s, curve(fine.fit.coefficients, s), color="vermilion", dash="dashed", width=2.0))
-    curves.append(Curve("fit, Hall sensor", s, curve(hall.fit.coefficients, s), color="green", dash="dotted", width=2.0))
+    curves.append(
+        Curve("fit, 4096 counts", s, curve(fine.fit.coefficients, s), color="vermilion", dash="dashed", width=2.0)
+    )
+    curves.append(
+        Curve("fit, Hall sensor", s, curve(hall.fit.coefficients, s), color="green", dash="dotted", width=2.0)
+    )
     return Axes(heading, "turn of the output (1)", "angles' difference (rad)", curves)
 
 
@@ -280,7 +307,11 @@ def _numbers(every: Mapping[tuple[int, bool], Measured]) -> dict[str, object]:
     return out
 
 
-def _claims(every: Mapping[tuple[int, bool], Measured], left: Mapping[str, Mapping[str, tuple[float, float]]], best: Mapping[str, str]) -> list[Claim]:
+def _claims(
+    every: Mapping[tuple[int, bool], Measured],
+    left: Mapping[str, Mapping[str, tuple[float, float]]],
+    best: Mapping[str, str],
+) -> list[Claim]:
     claims = []
     for (j, fine), one in every.items():
         off = np.abs((one.fit.coefficients - np.asarray(SETS[j])) / one.fit.errors)
@@ -292,7 +323,9 @@ def _claims(every: Mapping[tuple[int, bool], Measured], left: Mapping[str, Mappi
                 f"with {'4096 counts' if fine else 'Hall sensors'} each within {off.max():.1f} of its standard errors, all "
                 f"six at χ² = {one.fit.distance(SETS[j]):.1f}; the curve to {1e6 * rms:.0f} µrad rms",
                 bool(off.max() < 3.0),
-                "" if fine else f"42 counts a turn are {1e3 * 2 * np.pi / 4200:.2f} mrad at the joint: the curve is found, single coefficients hardly",
+                ""
+                if fine
+                else f"42 counts a turn are {1e3 * 2 * np.pi / 4200:.2f} mrad at the joint: the curve is found, single coefficients hardly",
             )
         )
     shift = _between_torques(every[1, True])
@@ -320,7 +353,8 @@ def _claims(every: Mapping[tuple[int, bool], Measured], left: Mapping[str, Mappi
 def _between_torques(one: Measured) -> float:
     s = np.linspace(0, 1, 201)
     curves = [
-        curve(fit([(one.logs[above, way], way, above) for way in (1, -1)], one.j, 100.0).coefficients, s) for above in ABOVE
+        curve(fit([(one.logs[above, way], way, above) for way in (1, -1)], one.j, 100.0).coefficients, s)
+        for above in ABOVE
     ]
     return float(np.sqrt(np.mean(np.var(curves, axis=0))))
 

@@ -114,7 +114,9 @@ def fig16(bench: Bench) -> Result:
         tip, path = found[name].simulation.tip, found[name].path
         curves = [Curve("circle", *path[:per].T, color="grey", dash="dashed", width=1.0)]
         for k, (word, color) in enumerate((("first", "blue"), ("second, pushed", "vermilion"), ("third", "green"))):
-            curves.append(Curve(word, *tip[k * per : (k + 1) * per].T, color=color, dash=("solid", "dashed", "dash-dotted")[k]))
+            curves.append(
+                Curve(word, *tip[k * per : (k + 1) * per].T, color=color, dash=("solid", "dashed", "dash-dotted")[k])
+            )
         parts.append(Axes(heading, "x (m)", "y (m)", curves, equal=True))
     back = {name: _back(found[name]) for name in ("impedance", "admittance", "predictive")}
     claims = [
@@ -128,7 +130,9 @@ def fig16(bench: Bench) -> Result:
         Claim("the same with the parameters of Table III", _as_published(found), False, _why_published()),
     ]
     text = "Three circles, the second pushed by 10 N in x and then in y. Hall sensors, friction, torsion, delay as in the prototype."
-    logs = {name.replace(", ", "_").replace(" ", "_").lower(): one.log for name, one in found.items() if "4096" not in name}
+    logs = {
+        name.replace(", ", "_").replace(" ", "_").lower(): one.log for name, one in found.items() if "4096" not in name
+    }
     numbers = {"seconds_until_near": back, "lost_at": {name: one.lost for name, one in found.items()}}
     return Result("fig16", "Compliance control: paths of the tip", text, parts, claims, numbers, 2, _choices(), logs)
 
@@ -143,7 +147,11 @@ def _back(one: Tracked) -> float:
 def _as_published(found: Mapping[str, Tracked]) -> str:
     impedance, admittance = found["impedance, Table III"], found["admittance, Table III"]
     off = 1e3 * np.linalg.norm(admittance.off[-1])
-    lost = f"impedance: the guard stops the arm at {impedance.lost:.3f} s ({impedance.fault.rstrip('.')})" if impedance.lost is not None else "impedance: not lost"
+    lost = (
+        f"impedance: the guard stops the arm at {impedance.lost:.3f} s ({impedance.fault.rstrip('.')})"
+        if impedance.lost is not None
+        else "impedance: not lost"
+    )
     return f"{lost}; admittance: still {off:.0f} mm off at the end"
 
 
@@ -164,7 +172,13 @@ def fig17(bench: Bench) -> Result:
             curves = [
                 Curve("circle", one.log.time, one.path[:, axis], color="grey", dash="dashed"),
                 Curve(law, one.log.time, one.simulation.tip[:, axis], color="blue", dash="solid"),
-                Curve("predictive", one.log.time, found["predictive"].simulation.tip[:, axis], color="green", dash="dotted"),
+                Curve(
+                    "predictive",
+                    one.log.time,
+                    found["predictive"].simulation.tip[:, axis],
+                    color="green",
+                    dash="dotted",
+                ),
             ]
             heading = f"({'abcd'[2 * row + axis]}) {law}, {word}"
             parts.append(Axes(heading, "time (s)", f"{word} (m)", curves, bands=[SHOWN[axis]]))
@@ -190,12 +204,26 @@ def table3(bench: Bench) -> Result:
     for law, published in PUBLISHED.items():
         for name, (M, B, K) in ((f"{law}, Table III", published), (law, SENSIBLE)):
             one = found[name]
-            outcome = f"stopped at {one.lost:.2f} s" if one.lost is not None else f"{1e3 * _largest(one):.1f} mm under the push"
+            outcome = (
+                f"stopped at {one.lost:.2f} s"
+                if one.lost is not None
+                else f"{1e3 * _largest(one):.1f} mm under the push"
+            )
             rows.append((name, M, B, K, float(B / (2 * np.sqrt(K * M))), float(2 * np.pi * np.sqrt(M / K)), outcome))
     columns = ("", "M (kg)", "B (N s/m)", "K (N/m)", "damping ratio", "swing (s)", "what the arm does")
     claims = [
-        Claim("impedance control with M = 0.001 kg, B = 1e-10 N s/m, K = 1e-5 N/m", str(rows[0][-1]), False, _why_published()),
-        Claim("admittance control with M = 1000 kg, B = 0.5 N s/m, K = 10 N/m", f"{rows[2][-1]}, damping ratio {rows[2][4]:.4f}", False, _why_published()),
+        Claim(
+            "impedance control with M = 0.001 kg, B = 1e-10 N s/m, K = 1e-5 N/m",
+            str(rows[0][-1]),
+            False,
+            _why_published(),
+        ),
+        Claim(
+            "admittance control with M = 1000 kg, B = 0.5 N s/m, K = 10 N/m",
+            f"{rows[2][-1]}, damping ratio {rows[2][4]:.4f}",
+            False,
+            _why_published(),
+        ),
     ]
     text = "Table III as published, and a set that makes physical sense beside it."
     grid = Grid("Table III: parameters of the compliance control", columns, rows, 3)
@@ -232,13 +260,23 @@ def table4(bench: Bench) -> Result:
                 "hold those of its video tracking",
             )
         )
-    numbers = {"free": {n: v for n, v in free.items()}, "pushed": {n: v for n, v in pushed.items()}, "paper_mm": TABLE_4}
+    numbers = {
+        "free": {n: v for n, v in free.items()},
+        "pushed": {n: v for n, v in pushed.items()},
+        "paper_mm": TABLE_4,
+    }
     text = "Errors of the tip against the circle, by axis, in millimetres; the first second, in which the circle is brought to speed, is left out."
-    return Result("table4", "Tracking errors", text, [Grid("Table IV: tracking errors", columns, rows, 3)], claims, numbers, 1)
+    return Result(
+        "table4", "Tracking errors", text, [Grid("Table IV: tracking errors", columns, rows, 3)], claims, numbers, 1
+    )
 
 
 def _choices() -> list[Choice]:
     return [
-        Choice("which circles Table IV speaks of", "the first and the third, without a push", "the second: see its rows"),
-        Choice("size and time of the push", f"{SHOVE:g} N for 1 s in x, then in y", "the displacement is F/K: proportional"),
+        Choice(
+            "which circles Table IV speaks of", "the first and the third, without a push", "the second: see its rows"
+        ),
+        Choice(
+            "size and time of the push", f"{SHOVE:g} N for 1 s in x, then in y", "the displacement is F/K: proportional"
+        ),
     ]
