@@ -52,7 +52,7 @@ def closed_loops(
     felt = push + np.random.default_rng(seed).normal(size=push.shape) * scheme.force_noise
     period = controller.guard.period
     steps = max(1, int(np.ceil(period / arm.step_size - 1e-9)))
-    limits = np.concatenate([limit for limit in controller.torque_limits()])
+    limits = np.concatenate(controller.torque_limits())
     settings = np.concatenate([[period, steps, scheme.delay], scheme.resolution, limits, constants(arm)])
     group = _Group(arm, controller, rows, push, felt, arm.rest(q0), settings)
     width = arm.module.batch_width

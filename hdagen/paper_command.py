@@ -1,4 +1,4 @@
-"""`hdagen paper`: the paper's tables and figures on its virtual prototype, with what it says of them and what comes out."""
+"""`hdagen paper`: the paper's tables and figures on its virtual prototype, what it says of them and what comes out."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def add_parser(commands: Any) -> None:
     p = commands.add_parser(
         "paper",
         help="the paper's tables and figures, reproduced",
-        description="Makes tables and figures of the paper by simulating its virtual prototype: pictures, numbers, logs, "
+        description="Makes tables and figures of the paper by simulating its virtual prototype: pictures, numbers, "
+        "logs, "
         "and a line for each thing that the paper says of them. What is finished is not made again while nothing that "
         "it comes from has changed.",
         epilog=EXAMPLE,

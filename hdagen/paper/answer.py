@@ -37,11 +37,11 @@ def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
     return np.stack(found, axis=1)
 
 
-def ideally(
-    mass: Array, damping: Array, stiffness: Array, pushes: Sequence[Push], seconds: float, period: float
-) -> Array:
-    """Displacement (T, W, 2, m) of M ẍ + B ẋ + K x = F, exact from row to row with the force held."""
-    count, T = len(mass), round(seconds / period)
+def ideally(sets: Array, pushes: Sequence[Push], seconds: float, period: float) -> Array:
+    """Displacement (T, W, 2, m) of M ẍ + B ẋ + K x = F for ``sets`` (W, 3) of M, B, K, exact from row to row with the
+    force held."""
+    mass, damping, stiffness = sets.T
+    count, T = len(sets), round(seconds / period)
     force = np.zeros((T, 2))
     time = np.arange(T) * period
     for push in pushes:

@@ -1,17 +1,25 @@
-"""Compliance under admittance, Fig. 11, and impedance control, Fig. 12: the circle, pushed in x and then in y, with M, B
-and K varied one at a time."""
+"""Compliance under admittance, Fig. 11, and impedance control, Fig. 12: the circle, pushed in x and then in y, with M,
+B and K varied one at a time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from hdagen.paper.answer import answers, ideally
 from hdagen.paper.prototype import (
-    BANDS, PERIOD, PUSH, PUSHES, Bench, cartesian, pushed, turns,
-)  # fmt: skip
+    BANDS,
+    PERIOD,
+    PUSH,
+    PUSHES,
+    Bench,
+    cartesian,
+    pushed,
+    turns,
+)
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Result
 from hdagen.plant import Array
 from hdagen.simulate import Simulation
@@ -41,12 +49,11 @@ def varied(bench: Bench, law: str, letter: str, fine: bool = False) -> Varied:
     path = turns(SECONDS)
     sets = [{**BASE, letter: value} for value in VARIED[letter]]
     runs = tuple(
-        bench.once((law, fine, *s.values()), lambda s=s: pushed(bench, law, cartesian(*s.values()), path, fine=fine))
+        bench.once((law, fine, *s.values()), partial(pushed, bench, law, cartesian(*s.values()), path, fine=fine))
         for s in sets
     )
     moved = np.stack([run.tip - path.position for run in runs], axis=1)
-    columns = (np.array([s[key] for s in sets]) for key in "MBK")
-    return Varied(letter, moved, ideally(*columns, PUSHES, SECONDS, PERIOD), runs)
+    return Varied(letter, moved, ideally(np.array([list(s.values()) for s in sets]), PUSHES, SECONDS, PERIOD), runs)
 
 
 def fig11(bench: Bench) -> Result:
@@ -88,12 +95,23 @@ def _figure(bench: Bench, name: str, law: str) -> Result:
         for value, run in zip(VARIED[letter], one.runs, strict=True)
     }
     text = (
-        f"The tip on the circle of III.C, pushed by {PUSH:g} N in x from 3 to 4 s and in y from 6 to 7 s; how far it is off "
-        f"the moving point. Base: M = {BASE['M']:g} kg, B = {BASE['B']:g} N s/m, K = {BASE['K']:g} N/m. Hall sensors, current "
+        f"The tip on the circle of III.C, pushed by {PUSH:g} N in x from 3 to 4 s and in y from 6 to 7 s; how far it "
+        "is off "
+        f"the moving point. Base: M = {BASE['M']:g} kg, B = {BASE['B']:g} N s/m, K = {BASE['K']:g} N/m. Hall "
+        "sensors, current "
         "loop, delay, friction and torsion as in the prototype. Dotted: what M, B and K promise."
     )
-    return Result(name, f"{law.capitalize()} control, M, B and K varied", text, parts, _claims(law, every, fine, gap),
-                  {"answers": numbers, "largest_gap_to_ideal": gap, "kept": kept(every), "kept_4096": kept(fine)}, 2, _choices(), logs)  # fmt: skip
+    return Result(
+        name,
+        f"{law.capitalize()} control, M, B and K varied",
+        text,
+        parts,
+        _claims(law, every, fine, gap),
+        {"answers": numbers, "largest_gap_to_ideal": gap, "kept": kept(every), "kept_4096": kept(fine)},
+        2,
+        _choices(),
+        logs,
+    )
 
 
 def _table(every: Mapping[str, Varied]) -> Grid:
@@ -149,23 +167,52 @@ def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], g
 
     gap_fine = max(float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for one in fine.values())
     return [
-        claim("a smaller M answers faster with less overshoot",
-              f"M of 1, 4, 16 kg: settled after {_words(M[:, 0, 0], 's')} in x, {_words(M[:, 1, 0], 's')} in y; overshoot in x {_words(M[:, 0, 1], '%', 100)}",
-              ("M settles", "M swings")),
-        claim("a larger B answers faster with less overshoot",
-              f"B of 20, 40, 80 N s/m: settled after {_words(B[:, 0, 0], 's')} in x, {_words(B[:, 1, 0], 's')} in y; overshoot in x {_words(B[:, 0, 1], '%', 100)}",
-              ("B settles", "B swings"), "holds while under-damped; the maps show where it stops"),
-        claim("a larger K moves less, so the compliance is worse",
-              f"K of 250, 500, 1000 N/m: at most {_words(K[:, 0, 2], 'mm', 1e3)} in x, {_words(K[:, 1, 2], 'mm', 1e3)} in y", ("K moves",)),
-        claim("K does not affect the settling time", f"settled after {_words(K[:, 0, 0], 's')} in x, {_words(K[:, 1, 0], 's')} in y", ("K settles",),
-              "the envelope is 2 M/B for every K while under-damped; settling to a band comes in half swings, within one of which it is held equal"),
-        Claim("the arm follows its M, B and K", f"at most {100 * max(gap.values()):.0f} % of the largest displacement off the ideal; with 4096 counts {100 * gap_fine:.0f} %",
-              None, f"{law} control over drives with Hall sensors: the inner loop has 25 rad/s, with encoders 50 rad/s"),
-    ]  # fmt: skip
+        claim(
+            "a smaller M answers faster with less overshoot",
+            f"M of 1, 4, 16 kg: settled after {_words(M[:, 0, 0], 's')} in x, {_words(M[:, 1, 0], 's')} in y; "
+            f"overshoot in x {_words(M[:, 0, 1], '%', 100)}",
+            ("M settles", "M swings"),
+        ),
+        claim(
+            "a larger B answers faster with less overshoot",
+            f"B of 20, 40, 80 N s/m: settled after {_words(B[:, 0, 0], 's')} in x, {_words(B[:, 1, 0], 's')} in y; "
+            f"overshoot in x {_words(B[:, 0, 1], '%', 100)}",
+            ("B settles", "B swings"),
+            "holds while under-damped; the maps show where it stops",
+        ),
+        claim(
+            "a larger K moves less, so the compliance is worse",
+            f"K of 250, 500, 1000 N/m: at most {_words(K[:, 0, 2], 'mm', 1e3)} in x, "
+            f"{_words(K[:, 1, 2], 'mm', 1e3)} in y",
+            ("K moves",),
+        ),
+        claim(
+            "K does not affect the settling time",
+            f"settled after {_words(K[:, 0, 0], 's')} in x, {_words(K[:, 1, 0], 's')} in y",
+            ("K settles",),
+            "the envelope is 2 M/B for every K while under-damped; settling to a band comes in half swings, within "
+            "one of which it is held equal",
+        ),
+        Claim(
+            "the arm follows its M, B and K",
+            f"at most {100 * max(gap.values()):.0f} % of the largest "
+            f"displacement off the ideal; with 4096 counts {100 * gap_fine:.0f} %",
+            None,
+            f"{law} control over drives with Hall sensors: the inner loop has 25 rad/s, with encoders 50 rad/s",
+        ),
+    ]
 
 
 def _choices() -> list[Choice]:
     return [
-        Choice("M, B, K and the force of Fig. 11 and 12", f"M, B, K about {tuple(BASE.values())}, {PUSH:g} N", "the maps: 10 000 other sets"),
-        Choice("centre and speed of the circle", "(0.2, 0) m, 5 s a turn", "the compliance hardly depends on it away from the straight arm"),
-    ]  # fmt: skip
+        Choice(
+            "M, B, K and the force of Fig. 11 and 12",
+            f"M, B, K about {tuple(BASE.values())}, {PUSH:g} N",
+            "the maps: 10 000 other sets",
+        ),
+        Choice(
+            "centre and speed of the circle",
+            "(0.2, 0) m, 5 s a turn",
+            "the compliance hardly depends on it away from the straight arm",
+        ),
+    ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a part alone, a row of parts, a row of a table
 MOST = 4000  # samples of a curve; each stretch keeps its smallest and its largest
-STYLE = {
+STYLE: Any = {
     "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": 7.5,
     "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.35, "grid.linewidth": 0.5,
     "font.family": "DejaVu Sans", "figure.dpi": 100, "savefig.facecolor": "white",
@@ -132,11 +133,7 @@ def _thinned(x: Any, y: Any) -> tuple[Any, Any]:
     if len(x) <= MOST:
         return x, y
     ends = np.linspace(0, len(x), MOST // 2 + 1).astype(int)
-    rows = [
-        k
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
-        for k in sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})
-    ]
+    rows = [k for a, b in pairwise(ends) for k in sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})]
     return x[rows], y[rows]
 
 

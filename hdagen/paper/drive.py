@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hdagen.paper.prototype import TABLE_1, Bench, Driven, driven
-from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Result
-from hdagen.plant import Array
+from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Part, Result
+from hdagen.plant import Arm, Array
 
 K1, K2, K3, T1, T2 = 1.0e4, 1.4e4, 1.6e4, 3.9, 12.0  # N m/rad, N m: catalogue of the CSG-17-100, Fig. 8
 PSI = 2.9e-4  # rad, hysteresis loss, catalogue: 1 arcmin
@@ -42,7 +42,8 @@ def table1(bench: Bench) -> Result:
             f"{nominal['wave_generator_stiffness']:.4f}, {nominal['flexspline_stiffness']:.2f}, "
             f"{nominal['flexspline_stiffening']:.4f}, {nominal['wave_generator_stiffening']:.3f}",
             all(same[:4]),
-            "with (28) as corrected: torques in place of torsions, at T1/2 and (T1 + T2)/2; as printed its root is imaginary",
+            "with (28) as corrected: torques in place of torsions, at T1/2 and (T1 + T2)/2; as printed its root is "
+            "imaginary",
         ),
         Claim(
             "J_m = 1.21e-4 kg m² (Table I) and 835 g cm² (Table II)",
@@ -97,7 +98,7 @@ def table2(bench: Bench) -> Result:
         Claim("maximum efficiency 85 %", f"stall current {stall:.0f} A at the voltage of the no-load speed", None,
               "η = (1 − √(I_0/I_stall))²; far above the 15 A of the amplifier, so it never limits the arm"),
     ]  # fmt: skip
-    parts = [
+    parts: list[Part] = [
         Axes("motor of joint 1 at a constant current", "time (s)", "motor speed (rad/s)",
              [Curve(name, time, values) for name, values in speed.items()]),
         Grid("Table II: parameters of the DC motor", ("parameter", "paper", "here"), [
@@ -111,14 +112,17 @@ def table2(bench: Bench) -> Result:
     ]  # fmt: skip
     numbers = {"speed_reached": reached, "start_current": start, "current_with_gear": needed, "stall_current": stall}
     logs = {"motor_alone": runs["motor alone"].log, "with_gear": runs[f"the same at {needed:.2f} A"].log}
-    text = "The drive of joint 1 spun up by a constant current; speeds are differences of what the Hall sensor says over 0.1 s."
+    text = (
+        "The drive of joint 1 spun up by a constant current; speeds are differences of what the Hall sensor says "
+        "over 0.1 s."
+    )
     return Result("table2", "Parameters of the DC motor", text, parts, claims, numbers, 1, logs=logs)
 
 
-def _spun(plant: object, current: float, rows: int) -> Driven:
+def _spun(plant: Arm, current: float, rows: int) -> Driven:
     given = np.zeros((rows, 2))
     given[:, 0] = current
-    return driven(plant, given, np.zeros((rows, 2)), [0.0, 0.0])  # type: ignore[arg-type]
+    return driven(plant, given, np.zeros((rows, 2)), [0.0, 0.0])
 
 
 def _motor_speed(run: Driven) -> Array:
@@ -179,7 +183,8 @@ def fig3b(bench: Bench) -> Result:
     ]
     parts = [Axes("input locked, load of 6 s a turn", "torsion (rad)", "joint torque (N m)", curves)]
     choice = Choice(
-        "shape of the loop", "a Dahl element, ψ/2 of half height times the stiffness at no torque, turning over 1e-4 rad",
+        "shape of the loop", "a Dahl element, ψ/2 of half height times the stiffness at no torque, turning over 1e-4 "
+                        "rad",
         "none (the paper's laws): no loop; the catalogue gives the width and not the shape",
     )  # fmt: skip
     text = "Joint 1 of the straight arm, its motor held, loaded slowly by a force across the tip."
@@ -230,7 +235,10 @@ def fig8(bench: Bench) -> Result:
             Curve("catalogue K_1, K_2, K_3", grid, lines, "step", "grey", "dashed"),
         ]),
     ]  # fmt: skip
-    text = "Joint 1 loaded once to 20 N m with its motor held, the hysteresis element off; stiffness is the slope over 0.5 N m."
+    text = (
+        "Joint 1 loaded once to 20 N m with its motor held, the hysteresis element off; stiffness is the slope "
+        "over 0.5 N m."
+    )
     numbers = {
         "at_mid_torques": at_mids,
         "at_T2": over,

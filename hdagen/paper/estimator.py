@@ -15,11 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen.log import Log
 from hdagen.paper.prototype import PERIOD
 from hdagen.plant import Arm, Array
 
+Rows = NDArray[np.bool_]
 SMOOTHING = 0.061  # s of the cubics: a fifth of the period of the fastest motion here
 HALL_SMOOTHING = 0.201  # where a count of the motor is three times the torsion of the friction
 MOVING = 0.05  # rad/s of the joint: slower, dry friction has no known sign
@@ -35,8 +37,8 @@ class Estimates:
 
 
 def estimated(model: Arm, log: Log, zero: Array | float = 0.0, smoothing: float = SMOOTHING) -> Estimates:
-    """The estimates by ``model``, which holds what is known of springs and kinematic torsion; ``zero`` (n, rad) is added
-    to the disc's angles."""
+    """The estimates by ``model``, which holds what is known of springs and kinematic torsion; ``zero`` (n, rad) is
+    added to the disc's angles."""
     raw = _columns(log, "motor_position", model.n), _columns(log, "joint_position", model.n) + zero
     current = _columns(log, "motor_current", model.n)
     p = model.parameters
@@ -90,7 +92,7 @@ def hysteresis(phi: Array, angle: float) -> Array:
     return z
 
 
-def rms(error: Array, rows: Array | slice = slice(None)) -> Array:
+def rms(error: Array, rows: Rows | slice = slice(None)) -> Array:
     """Root mean square by column over rows, NaN left out."""
     found: Array = np.sqrt(np.nanmean(error[rows] ** 2, axis=0))
     return found

@@ -8,9 +8,18 @@ from hdagen.paper.answer import answers, ideally
 from hdagen.paper.compliance import BASE, SECONDS
 from hdagen.paper.estimator import estimated, rms
 from hdagen.paper.prototype import (
-    BANDS, LAWS, PERIOD, PUSHES, THREE, Bench, cartesian, controller, fine_sensors, turns,
-)  # fmt: skip
-from hdagen.paper.result import Axes, Claim, Curve, Grid, Result
+    BANDS,
+    LAWS,
+    PERIOD,
+    PUSHES,
+    THREE,
+    Bench,
+    cartesian,
+    controller,
+    fine_sensors,
+    turns,
+)
+from hdagen.paper.result import Axes, Claim, Curve, Grid, Part, Result
 from hdagen.simulate import run
 
 NEAR = (1.2, -0.9, -1.3)  # rad: where the arm begins, bent
@@ -25,31 +34,49 @@ def joints3(bench: Bench) -> Result:
         )
         for law in LAWS
     }
-    ideal = ideally(*(np.array([BASE[letter]]) for letter in "MBK"), PUSHES, SECONDS, PERIOD)[:, 0]
+    ideal = ideally(np.array([list(BASE.values())]), PUSHES, SECONDS, PERIOD)[:, 0]
     moved = {law: one.tip - path.position for law, one in runs.items()}
     gap = {law: float(np.linalg.norm(off - ideal, axis=1).max() / np.abs(ideal).max()) for law, off in moved.items()}
     log, truth = runs["impedance"].log, runs["impedance"].joint_torque
     found = estimated(arm, log)
     error, peak = rms(found.whole - truth), np.abs(truth).max(axis=0)
-    parts = [
+    parts: list[Part] = [
         *(
-            Axes(f"in {word}", "time (s)", "tip off the circle (m)", [
-                *(Curve(law, path.time, off[:, axis]) for law, off in moved.items()),
-                Curve("ideal", path.time, ideal[:, axis], color="ink", dash="dotted"),
-            ], bands=[BANDS[axis]]) for axis, word in enumerate("xy")
+            Axes(
+                f"in {word}",
+                "time (s)",
+                "tip off the circle (m)",
+                [
+                    *(Curve(law, path.time, off[:, axis]) for law, off in moved.items()),
+                    Curve("ideal", path.time, ideal[:, axis], color="ink", dash="dotted"),
+                ],
+                bands=[BANDS[axis]],
+            )
+            for axis, word in enumerate("xy")
         ),
-        Axes("joint angles, impedance control", "time (s)", "joint angle (rad)", [
-            Curve(f"joint {j}", path.time, log[f"joint_position_{j}"]) for j in (1, 2, 3)
-        ]),
-        Axes("joint torques: true, and estimated (thin)", "time (s)", "joint torque (N m)", [
-            *(Curve(f"joint {j + 1}", path.time, truth[:, j], color=color, dash="solid", width=2.2) for j, color in enumerate(("blue", "vermilion", "green"))),
-            *(Curve("", path.time, found.whole[:, j], color="ink", dash="solid", width=0.6) for j in range(3)),
-        ]),
-    ]  # fmt: skip
+        Axes(
+            "joint angles, impedance control",
+            "time (s)",
+            "joint angle (rad)",
+            [Curve(f"joint {j}", path.time, log[f"joint_position_{j}"]) for j in (1, 2, 3)],
+        ),
+        Axes(
+            "joint torques: true, and estimated (thin)",
+            "time (s)",
+            "joint torque (N m)",
+            [
+                *(
+                    Curve(f"joint {j + 1}", path.time, truth[:, j], color=color, dash="solid", width=2.2)
+                    for j, color in enumerate(("blue", "vermilion", "green"))
+                ),
+                *(Curve("", path.time, found.whole[:, j], color="ink", dash="solid", width=0.6) for j in range(3)),
+            ],
+        ),
+    ]
     answer = {law: answers(off[:, None], PUSHES, PERIOD)[0] for law, off in moved.items()}
     promised = answers(ideal[:, None], PUSHES, PERIOD)[0]
-    rows = [
-        (law, *(float(v) for pair in table for v in (pair[0], 100 * pair[1], 1e3 * pair[2])))
+    rows: list[list[Cell]] = [
+        [law, *(float(v) for pair in table for v in (pair[0], 100 * pair[1], 1e3 * pair[2]))]
         for law, table in {**answer, "ideal": promised}.items()
     ]
     columns = ("", *(f"{what} {axis}" for axis in "xy" for what in ("settling (s)", "overshoot (%)", "largest (mm)")))
@@ -58,14 +85,19 @@ def joints3(bench: Bench) -> Result:
     claims = [
         Claim(
             "the system can be extended to multi-axis motion",
-            f"three joints by a robot file alone: tip within {100 * gap['impedance']:.0f} % (impedance) and {100 * gap['admittance']:.0f} % "
-            f"(admittance) of the ideal's largest displacement, torques to {', '.join(f'{100 * e / p:.1f}' for e, p in zip(error, peak, strict=True))} % of their peaks",
+            f"three joints by a robot file alone: tip within {100 * gap['impedance']:.0f} % (impedance) and "
+            f"{100 * gap['admittance']:.0f} % "
+            "(admittance) of the ideal's largest displacement, torques to "
+            f"{', '.join(f'{100 * e / p:.1f}' for e, p in zip(error, peak, strict=True))} % of their peaks",
             max(gap.values()) < 0.2 and not any(refused.values()),
             "the third joint is one more than the tip needs; what it does is damped",
         )
     ]
     numbers = {"largest_gap_to_ideal": gap, "torque_rms_error": error, "torque_peak": peak, "refused": refused}
-    text = "An arm of three of the prototype's drives on the same circle, with the same pushes, laws and gains, encoders of 4096 counts."
+    text = (
+        "An arm of three of the prototype's drives on the same circle, with the same pushes, laws and gains, "
+        "encoders of 4096 counts."
+    )
     logs = {law: one.log for law, one in runs.items()}
     return Result(
         "joints3",

@@ -96,7 +96,8 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
     whole = [
         Section(
             "Every claim",
-            "What the paper says, what came out on its virtual prototype, and whether that is the same. The sections below "
+            "What the paper says, what came out on its virtual prototype, and whether that is the same. The sections "
+            "below "
             "have the figures, and why they differ where they do.",
             [figure.table("The paper and here", ("", *SAYS, "holds"), summary, sentences=SAYS)],
         ),
@@ -120,7 +121,8 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
         f"{len(claims) - kept - broken} it gives nothing to hold them to."
     )
     reproduce = (
-        "    hdagen paper all\n\nEach figure's log lies beside it, and `hdagen replay paper_prototype LOG` simulates it again. "
+        "    hdagen paper all\n\nEach figure's log lies beside it, and `hdagen replay paper_prototype LOG` simulates "
+        "it again. "
         "docs/paper.md says why things differ."
     )
     target = folder / "index.html"

@@ -1,4 +1,4 @@
-"""What a figure or table of the paper becomes: pictures, numbers, logs, and a line for each thing that the paper says."""
+"""What a figure or table of the paper becomes: pictures, numbers, logs, a line for each thing that the paper says."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from hdagen.log import Log
+from hdagen.plant import Array
 
 Cell = str | float | int | bool | None
 
@@ -45,6 +46,11 @@ class Curve:
     color: str | None = None
     dash: str | None = None
     width: float = 1.5
+
+
+def path(label: str, points: Array, color: str | None = None, dash: str | None = None, width: float = 1.5) -> Curve:
+    """The curve through ``points`` (T, 2)."""
+    return Curve(label, points[:, 0], points[:, 1], color=color, dash=dash, width=width)
 
 
 @dataclass(frozen=True)

@@ -54,8 +54,8 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
     try:
         (folder / SECTIONS).mkdir(parents=True, exist_ok=True)
         (folder / f"{result.name}.json").unlink(missing_ok=True)
-        for file, content in files.items():
-            with whole(folder / file, content):
+        for file, written in files.items():
+            with whole(folder / file, written):
                 pass
         logs = {}
         for end, log in result.logs.items():

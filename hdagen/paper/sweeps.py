@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from hdagen.loops import closed_loops
 from hdagen.paper.answer import MEASURES, answers, damping_ratio, ideally
 from hdagen.paper.compliance import BASE, SECONDS
 from hdagen.paper.prototype import PERIOD, PUSH, PUSHES, Bench, controller, fine_sensors, turns
-from hdagen.paper.result import Axes, Claim, Curve, Grid, Map, Result
+from hdagen.paper.result import Axes, Claim, Curve, Grid, Map, Part, Result
 from hdagen.plant import Array
 
 RANGES = {"M": (0.5, 32.0), "B": (5.0, 500.0), "K": (200.0, 2000.0)}  # kg, N s/m, N/m
@@ -59,9 +60,9 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
     begun = time.perf_counter()
     found = closed_loops(bench.arm(), law_of, path, gains, judge, PUSHES, fine_sensors(), seed=1, threads=bench.threads)
     took = time.perf_counter() - begun
-    flat = M.ravel(), B.ravel(), K.ravel()
+    flat = np.stack([M.ravel(), B.ravel(), K.ravel()], axis=1)
     ideals = [
-        answers(ideally(*(column[k : k + TOGETHER] for column in flat), PUSHES, SECONDS, COARSE), PUSHES, COARSE)
+        answers(ideally(flat[k : k + TOGETHER], PUSHES, SECONDS, COARSE), PUSHES, COARSE)
         for k in range(0, M.size, TOGETHER)
     ]
     size = (*shape, len(PUSHES), len(MEASURES))
@@ -86,15 +87,15 @@ def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, f
 
 
 def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list[tuple[float, float]]:
-    """(damping ratio, share of neighbours along ``letter`` for which the measure moves by ``sign``, or less than a tenth
-    of a percent) in classes of damping ratio."""
+    """(damping ratio, share of neighbours along ``letter`` for which the measure moves by ``sign``, or less than a
+    tenth of a percent) in classes of damping ratio."""
     axis, values = "MBK".index(letter), sweep.arm[..., 0, MEASURES.index(measure)]
     step = np.diff(values, axis=axis)
     middle = np.moveaxis(sweep.ratio, axis, 0)
     ratio = np.moveaxis(np.sqrt(middle[1:] * middle[:-1]), 0, axis)
     edges = np.geomspace(0.05, 8.0, 15)
     found = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         inside = (ratio >= low) & (ratio < high) & np.isfinite(step)
         if inside.sum() >= 10:
             keeps = sign * step[inside] > -1e-3 * np.nanmedian(values)
@@ -110,10 +111,12 @@ CLAIMS = (
     ("K", "largest", -1),
 )
 WORDS = {
-    ("M", "settling"): "smaller M settles faster", ("M", "overshoot"): "smaller M overshoots less",
-    ("B", "settling"): "larger B settles faster", ("B", "overshoot"): "larger B overshoots less",
+    ("M", "settling"): "smaller M settles faster",
+    ("M", "overshoot"): "smaller M overshoots less",
+    ("B", "settling"): "larger B settles faster",
+    ("B", "overshoot"): "larger B overshoots less",
     ("K", "largest"): "larger K moves less",
-}  # fmt: skip
+}
 
 
 def stops(shares: list[tuple[float, float]]) -> float:
@@ -141,20 +144,26 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
         for measure in MEASURES
     }
     heading = "where each claim holds: share of neighbouring sets that keep it"
-    parts = [
+    parts: list[Part] = [
         *_planes(sweep),
         Axes(heading, "damping ratio B/(2 √(K M)) (1)", "share (1)", curves, log_x=True),
         _table(by),
     ]
     lost = float(np.isnan(sweep.arm[..., 0, 2]).mean())
     numbers = {
-        "sets": sweep.M.size, "sweep_seconds": sweep.seconds, "threads": bench.threads, "lost_share": lost, "exponents": by,
+        "sets": sweep.M.size,
+        "sweep_seconds": sweep.seconds,
+        "threads": bench.threads,
+        "lost_share": lost,
+        "exponents": by,
         "stops_at_damping_ratio": {WORDS[key]: stops(found) for key, found in shares.items()},
         "shares": {WORDS[key]: found for key, found in shares.items()},
-    }  # fmt: skip
+    }
     text = (
-        f"{sweep.M.size} sets of M, B and K, each 10 s in closed loop at 1 kHz on the prototype with encoders of 4096 counts: "
-        "current loop, delay, friction with the smooth sign, hysteresis and torsion. Maps are planes of the grid through the "
+        f"{sweep.M.size} sets of M, B and K, each 10 s in closed loop at 1 kHz on the prototype with encoders of "
+        "4096 counts: "
+        "current loop, delay, friction with the smooth sign, hysteresis and torsion. Maps are planes of the grid "
+        "through the "
         f"set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x."
     )
     return Result(
@@ -216,18 +225,37 @@ def _claims(
 
     under = "under-damped"
     return [
-        Claim("a smaller M settles faster, with less overshoot",
-              f"{where(('M', 'settling'))}, settling ∝ M^{settles['M'][under]:.2f} under-damped; less overshoot {where(('M', 'overshoot'))}",
-              settles["M"][under] > 0.5, "the envelope is e^(−B t/2M); over-damped the slow pole is K/B, without M"),
-        Claim("a larger B settles faster, with less overshoot",
-              f"{where(('B', 'settling'))}, settling ∝ B^{settles['B'][under]:.2f} under-damped and B^{settles['B']['over-damped']:.2f} over-damped; "
-              f"less overshoot {where(('B', 'overshoot'))}",
-              settles["B"][under] < -0.5, "over-damped a larger B is slower: the slow pole is K/B"),
-        Claim("a larger K moves less", f"{where(('K', 'largest'))}, largest displacement ∝ K^{largest['K'][under]:.2f} under-damped",
-              largest["K"][under] < -0.5, "at rest F/K; a push of 1 s is too short for the softest, over-damped sets"),
-        Claim("K does not affect the settling time, under-damped",
-              f"settling ∝ K^{settles['K'][under]:.2f} under-damped, K^{settles['K']['over-damped']:.2f} over-damped",
-              abs(settles["K"][under]) < 0.2, "over-damped a larger K is faster: K/B"),
-        Claim("admittance and impedance show similar trends", f"{100 * lost:.1f} % of the sets lose the arm", None,
-              "the exponents of both laws stand in their tables"),
-    ]  # fmt: skip
+        Claim(
+            "a smaller M settles faster, with less overshoot",
+            f"{where(('M', 'settling'))}, settling ∝ M^{settles['M'][under]:.2f} under-damped; less overshoot "
+            f"{where(('M', 'overshoot'))}",
+            settles["M"][under] > 0.5,
+            "the envelope is e^(−B t/2M); over-damped the slow pole is K/B, without M",
+        ),
+        Claim(
+            "a larger B settles faster, with less overshoot",
+            f"{where(('B', 'settling'))}, settling ∝ B^{settles['B'][under]:.2f} under-damped and "
+            f"B^{settles['B']['over-damped']:.2f} over-damped; "
+            f"less overshoot {where(('B', 'overshoot'))}",
+            settles["B"][under] < -0.5,
+            "over-damped a larger B is slower: the slow pole is K/B",
+        ),
+        Claim(
+            "a larger K moves less",
+            f"{where(('K', 'largest'))}, largest displacement ∝ K^{largest['K'][under]:.2f} under-damped",
+            largest["K"][under] < -0.5,
+            "at rest F/K; a push of 1 s is too short for the softest, over-damped sets",
+        ),
+        Claim(
+            "K does not affect the settling time, under-damped",
+            f"settling ∝ K^{settles['K'][under]:.2f} under-damped, K^{settles['K']['over-damped']:.2f} over-damped",
+            abs(settles["K"][under]) < 0.2,
+            "over-damped a larger K is faster: K/B",
+        ),
+        Claim(
+            "admittance and impedance show similar trends",
+            f"{100 * lost:.1f} % of the sets lose the arm",
+            None,
+            "the exponents of both laws stand in their tables",
+        ),
+    ]

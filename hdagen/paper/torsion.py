@@ -1,9 +1,5 @@
 """Kinematic torsion, Fig. 14: measured as the paper did, fitted by (13) and by Fourier series, held against turns that
-the fit has not seen.
-
-Legend: s turns of the output from where it began; y = θ/N − q, the angles' difference of (12), which holds the
-kinematic torsion Σ a_k s^k, the springs' torsion under what turns the arm, and the hysteresis, whose sign is that of
-the torque. The last two are fitted beside the first.
+the fit has not seen. Legend: s turns of the output, θ motor angle.
 """
 
 from __future__ import annotations
@@ -14,110 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.log import Log
-from hdagen.paper.prototype import ENCODER, PERIOD, A, B, Bench, Driven, driven, fine_sensors, torsion_of
-from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Result
+from hdagen.paper.fitting import ORDER, Fit, difference, fit, turned
+from hdagen.paper.prototype import ENCODER, PERIOD, A, B, Bench, driven, fine_sensors, torsion_of
+from hdagen.paper.result import Axes, Cell, Choice, Claim, Curve, Grid, Part, Result
 from hdagen.plant import Array
 
 ABOVE = (0.025, 0.03, 0.035)  # N m at the motor, IV.A, above running friction
-ORDER = 5
-SMOOTH = 101  # rows of the parabola that gives the acceleration
-LAGS = 200  # rows over which residuals are taken to hang together
 SETS = {1: A, 2: B}
 TWICE = 1.5e-4  # rad, usual size of the wave generator's error, twice a turn: catalogue
 TRAINED, HELD_OUT, BEFORE = 1.0, 3.0, 0.3  # turns
 SLOW, EVERY = 0.2, 10  # rad/s; rows from one that is kept to the next
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Coefficients (6, rad) of (13) with their covariance, and the rms of what is left, rad."""
-
-    coefficients: Array
-    covariance: Array
-    rest: float
-    residual: Array
-
-    @property
-    def errors(self) -> Array:
-        """Standard errors."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def distance(self, published: Sequence[float]) -> float:
-        """Squared distance of the published set in standard errors, all six together (chi-square with 6 degrees)."""
-        off = self.coefficients - np.asarray(published)
-        return float(off @ np.linalg.solve(self.covariance, off))
-
-
-def turned(
-    bench: Bench,
-    j: int,
-    above: float,
-    direction: int,
-    changes: Mapping[str, float],
-    turns: float = 1.0,
-    fine: bool = False,
-) -> Driven:
-    """Joint j turned by a constant motor torque, ``above`` running friction; backwards it begins ``turns`` on."""
-    arm = bench.arm(changes=changes)
-    torque = arm.parameters[f"coulomb_friction_{j}"] + above
-    seconds = 1.5 + 3.2 * turns
-    current = np.zeros((round(seconds / PERIOD), 2))
-    current[:, j - 1] = direction * torque / arm.parameters[f"torque_constant_{j}"]
-    q = np.zeros(2)
-    q[j - 1] = 0.0 if direction > 0 else 2 * np.pi * turns
-    return driven(arm, current, np.zeros((len(current), 2)), q, fine_sensors() if fine else None, seed=j)
-
-
-def difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:
-    """(turns of the output as the motor has it, angles' difference) of a log."""
-    return log[f"motor_position_{j}"] / (2 * np.pi * ratio), log[f"motor_position_{j}"] / ratio - log[
-        f"joint_position_{j}"
-    ]
-
-
-def acceleration(log: Log, j: int) -> Array:
-    """Of the joint, rad/s², by parabolas."""
-    from scipy.signal import savgol_filter
-
-    return savgol_filter(log[f"joint_position_{j}"], SMOOTH, 2, deriv=2, delta=PERIOD)
-
-
-def fit(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: float = 1.0) -> Fit:
-    """(13) by least squares from logs of (direction, torque), all together: the polynomial is theirs in common; a torsion
-    by acceleration and, for each torque, one by direction stand beside it."""
-    blocks, values = [], []
-    levels = sorted({above for _, _, above in logs})
-    for log, direction, above in logs:
-        s, y = difference(log, j, ratio)
-        inside = (s >= 0) & (s <= turns) & (log.time > 0.1)
-        beside = np.zeros((len(s), 1 + len(levels)))
-        beside[:, 0] = acceleration(log, j)
-        beside[:, 1 + levels.index(above)] = direction
-        blocks.append(np.hstack([np.vander(s, ORDER + 1, increasing=True), beside])[inside])
-        values.append(y[inside])
-    X, y = np.vstack(blocks), np.concatenate(values)
-    scale = np.linalg.norm(X, axis=0)
-    found = np.linalg.lstsq(X / scale, y, rcond=None)[0]
-    residual = y - (X / scale) @ found
-    inverse = np.linalg.inv((X / scale).T @ (X / scale))
-    meat = _together(blocks, residual, scale)
-    covariance = (inverse @ meat @ inverse / np.outer(scale, scale))[: ORDER + 1, : ORDER + 1]
-    rest = float(np.sqrt(np.mean(residual**2)))
-    return Fit((found / scale)[: ORDER + 1], covariance, rest, residual)
-
-
-def _together(blocks: Sequence[Array], residual: Array, scale: Array) -> Array:
-    """Newey and West's middle of the covariance: residuals of neighbouring rows hang together, those of two logs do
-    not."""
-    total, begin = np.zeros((len(scale), len(scale))), 0
-    for block in blocks:
-        score = block / scale * residual[begin : begin + len(block), None]
-        begin += len(block)
-        total += score.T @ score
-        for lag in range(1, min(LAGS, len(block) - 1)):
-            cross = score[lag:].T @ score[:-lag]
-            total += (1 - lag / LAGS) * (cross + cross.T)
-    return total
 
 
 # -- bases ------------------------------------------------------------------------------------------------------------
@@ -158,7 +60,7 @@ def _pair(angle: Array) -> Array:
 
 
 def slowly(bench: Bench, changes: Mapping[str, float]) -> Log:
-    """Joint 1 turned three times at 0.2 rad/s, from a part of a turn before: what the springs do by then is constant."""
+    """Joint 1 turned three times at 0.2 rad/s, from a part of a turn before: what the springs do is constant by then."""
     arm = bench.arm(changes=changes)
     friction = (
         arm.parameters["coulomb_friction_1"] + SLOW * arm.parameters["ratio_1"] * arm.parameters["viscous_friction_1"]
@@ -219,7 +121,7 @@ def curve(coefficients: Sequence[float] | Array, s: Array) -> Array:
 def fig14(bench: Bench) -> Result:
     """Kinematic torsion against the output's turn, both joints."""
     every = {(j, fine): measured(bench, j, fine) for j in SETS for fine in (True, False)}
-    parts = [_panel(every[j, True], every[j, False], f"({'ab'[j - 1]}) joint {j}") for j in SETS]
+    parts: list[Part] = [_panel(every[j, True], every[j, False], f"({'ab'[j - 1]}) joint {j}") for j in SETS]
     truths = {
         "as published": torsion_of(1, A),
         "its ratio error taken out": torsion_of(1, [A[0], -sum(A[2:]), *A[2:]]),
@@ -232,7 +134,7 @@ def fig14(bench: Bench) -> Result:
         left[name] = held_out(slow[name], 1, 100.0)
     best = {name: min(found, key=lambda basis: found[basis][1]) for name, found in left.items()}
     columns = ("left on turns 2 and 3 (mrad)", *truths)
-    rows = [(basis, *(1e3 * left[name][basis][1] for name in truths)) for basis in bases()]
+    rows: list[list[Cell]] = [[basis, *(1e3 * left[name][basis][1] for name in truths)] for basis in bases()]
     coefficients = _coefficients(every)
     parts += [
         Grid("recovered coefficients (1e-3 rad, s in turns)", *coefficients, digits=3),
@@ -320,19 +222,22 @@ def _claims(
         claims.append(
             Claim(
                 f"coefficients of joint {j}, IV.A: {', '.join(f'{v:g}' for v in SETS[j])}",
-                f"with {'4096 counts' if fine else 'Hall sensors'} each within {off.max():.1f} of its standard errors, all "
+                f"with {'4096 counts' if fine else 'Hall sensors'} each within {off.max():.1f} of its standard "
+                "errors, all "
                 f"six at χ² = {one.fit.distance(SETS[j]):.1f}; the curve to {1e6 * rms:.0f} µrad rms",
                 bool(off.max() < 3.0),
                 ""
                 if fine
-                else f"42 counts a turn are {1e3 * 2 * np.pi / 4200:.2f} mrad at the joint: the curve is found, single coefficients hardly",
+                else f"42 counts a turn are {1e3 * 2 * np.pi / 4200:.2f} mrad at the joint: the curve is found, "
+                "single coefficients hardly",
             )
         )
     shift = _between_torques(every[1, True])
     claims.append(
         Claim(
             "torsion over the output's angle remains the same under different input torques",
-            f"fits of one torque each differ by {1e6 * shift:.0f} µrad rms of {1e3 * sum(A):.2f} mrad, once the hysteresis of each direction is taken off",
+            f"fits of one torque each differ by {1e6 * shift:.0f} µrad rms of {1e3 * sum(A):.2f} mrad, once the "
+            "hysteresis of each direction is taken off",
             bool(shift < 0.05 * sum(A)),
         )
     )
@@ -340,10 +245,13 @@ def _claims(
     claims.append(
         Claim(
             "a fifth-order polynomial of the output's angle, (13)",
-            f"on turns it has not seen {best[name]} leaves least, {1e6 * left[name][best[name]][1]:.0f} µrad; (13) begun anew "
-            f"{1e6 * left[name]['(13), begun anew every turn'][1]:.0f}, continued {1e6 * left[name]['(13), continued'][1]:.3g} µrad",
+            f"on turns it has not seen {best[name]} leaves least, {1e6 * left[name][best[name]][1]:.0f} µrad; (13) "
+            "begun anew "
+            f"{1e6 * left[name]['(13), begun anew every turn'][1]:.0f}, continued "
+            f"{1e6 * left[name]['(13), continued'][1]:.3g} µrad",
             best[name].startswith("(13)"),
-            "a polynomial neither closes after a turn nor holds what turns with the motor; both published sets end off where they "
+            "a polynomial neither closes after a turn nor holds what turns with the motor; both published sets end "
+            "off where they "
             "began, which begun anew is a jump and as a ratio an error that a gear cannot have",
         )
     )
@@ -363,7 +271,10 @@ def _choices() -> list[Choice]:
     turn_a, turn_b = sum(A), sum(B)
     rad = [sum(c * (2 * np.pi) ** k for k, c in enumerate(cs)) for cs in (A, B)]
     return [
-        Choice("unit of the angle in (13)", "turns", f"at one turn {turn_a:.2e} and {turn_b:.2e} rad; in radians {rad[0]:.1f} and {rad[1]:.1f} rad, which no gear has"),
-        Choice("0.025 to 0.035 N m at the motor", "above running friction", "as motor torques: below Table I's starting torque, 0.037 N m, and nothing moves"),
-        Choice("motor encoder", f"the paper's 42 counts, and 4096 ({ENCODER:.1e} rad) beside it", "see the table: coefficients ten to fifty times less certain"),
+        Choice("unit of the angle in (13)", "turns", f"at one turn {turn_a:.2e} and {turn_b:.2e} rad; in radians "
+                        f"{rad[0]:.1f} and {rad[1]:.1f} rad, which no gear has"),
+        Choice("0.025 to 0.035 N m at the motor", "above running friction", "as motor torques: below Table I's "
+                        "starting torque, 0.037 N m, and nothing moves"),
+        Choice("motor encoder", f"the paper's 42 counts, and 4096 ({ENCODER:.1e} rad) beside "
+                        "it", "see the table: coefficients ten to fifty times less certain"),
     ]  # fmt: skip

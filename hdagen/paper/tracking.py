@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.controller import MPC
 from hdagen.paper.prototype import ROBOT, TURN, Bench, cartesian, controller, fine_sensors, guard, turns
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Result
+from hdagen.paper.result import path as drawn
 from hdagen.plant import Arm, Array, load
 from hdagen.simulate import Push, Sensors, Simulation, World, run
 
@@ -63,14 +66,23 @@ class Tracked:
 
 
 def tracked(
-    bench: Bench, law: str, mbk: tuple[float, float, float], pushes: Sequence[Push], seconds: float, fine: bool = False,
-    changes: Mapping[str, float] | None = None, gains: Mapping[str, float] | None = None, world: World | None = None,
-) -> Tracked:  # fmt: skip
+    bench: Bench,
+    law: str,
+    mbk: tuple[float, float, float],
+    pushes: Sequence[Push],
+    seconds: float,
+    fine: bool = False,
+    changes: Mapping[str, float] | None = None,
+    gains: Mapping[str, float] | None = None,
+    world: World | None = None,
+) -> Tracked:
     """A law, or "predictive", on the prototype along the circle; the controller does not know ``changes``."""
     plant, path = bench.arm(changes=changes), turns(seconds)
-    regulator = predictive(bench, mbk) if law == "predictive" else controller(
-        bench.once("known", bench.arm), law, {**cartesian(*mbk), **(gains or {})}, fine
-    )  # fmt: skip
+    regulator = (
+        predictive(bench, mbk)
+        if law == "predictive"
+        else controller(bench.once("known", bench.arm), law, {**cartesian(*mbk), **(gains or {})}, fine)
+    )
     sensors = fine_sensors() if fine else Sensors()
     found = run(plant, regulator, path, pushes, sensors, 1, world=world)
     refused = np.flatnonzero(found.status < 0)
@@ -83,7 +95,8 @@ def tracked(
 def predictive(bench: Bench, mbk: tuple[float, float, float]) -> Controller:
     """Predictive control that keeps the admittance M, B, K."""
     names = ("mass", "damping", "stiffness")
-    wanted = Configuration().changed(**{f"admittance__{name}": value for name, value in zip(names, mbk, strict=True)})
+    admittance: dict[str, Any] = {f"admittance__{name}": value for name, value in zip(names, mbk, strict=True)}
+    wanted = Configuration().changed(**admittance)
     arm: Arm = bench.once("predictive", lambda: load(ROBOT, bench.profile, mpc=wanted))
     return MPC(arm, wanted, guard())
 
@@ -91,14 +104,16 @@ def predictive(bench: Bench, mbk: tuple[float, float, float]) -> Controller:
 def cases(bench: Bench) -> dict[str, Tracked]:
     """The runs of these figures."""
     made = {
-        "impedance": ("impedance", SENSIBLE, False), "admittance": ("admittance", SENSIBLE, False),
-        "predictive": ("predictive", SENSIBLE, False), "impedance, 4096 counts": ("impedance", SENSIBLE, True),
+        "impedance": ("impedance", SENSIBLE, False),
+        "admittance": ("admittance", SENSIBLE, False),
+        "predictive": ("predictive", SENSIBLE, False),
+        "impedance, 4096 counts": ("impedance", SENSIBLE, True),
         "admittance, 4096 counts": ("admittance", SENSIBLE, True),
         "impedance, Table III": ("impedance", PUBLISHED["impedance"], False),
         "admittance, Table III": ("admittance", PUBLISHED["admittance"], False),
-    }  # fmt: skip
+    }
     return {
-        name: bench.once(("tracked", name), lambda c=case: tracked(bench, c[0], c[1], SHOVES, SECONDS, c[2]))
+        name: bench.once(("tracked", name), partial(tracked, bench, case[0], case[1], SHOVES, SECONDS, case[2]))
         for name, case in made.items()
     }
 
@@ -108,28 +123,34 @@ def fig16(bench: Bench) -> Result:
     found = cases(bench)
     parts, per = [], round(TURN / 1e-3)
     for name, heading in (
-        ("impedance", "(a) impedance control"), ("admittance", "(b) admittance control"), ("predictive", "predictive control"),
+        ("impedance", "(a) impedance control"),
+        ("admittance", "(b) admittance control"),
+        ("predictive", "predictive control"),
         ("admittance, Table III", "admittance, Table III as published"),
-    ):  # fmt: skip
-        tip, path = found[name].simulation.tip, found[name].path
-        curves = [Curve("circle", *path[:per].T, color="grey", dash="dashed", width=1.0)]
+    ):
+        tip, circle = found[name].simulation.tip, found[name].path
+        curves = [drawn("circle", circle[:per], color="grey", dash="dashed", width=1.0)]
         for k, (word, color) in enumerate((("first", "blue"), ("second, pushed", "vermilion"), ("third", "green"))):
             curves.append(
-                Curve(word, *tip[k * per : (k + 1) * per].T, color=color, dash=("solid", "dashed", "dash-dotted")[k])
+                drawn(word, tip[k * per : (k + 1) * per], color=color, dash=("solid", "dashed", "dash-dotted")[k])
             )
         parts.append(Axes(heading, "x (m)", "y (m)", curves, equal=True))
     back = {name: _back(found[name]) for name in ("impedance", "admittance", "predictive")}
     claims = [
         Claim(
             "both controllers can successfully track back to the circle after the push",
-            f"as near to it as the paper's largest error, {1e3 * NEAR:g} mm, {back['impedance']:.2f} s (impedance) and {back['admittance']:.2f} s "
+            f"as near to it as the paper's largest error, {1e3 * NEAR:g} mm, {back['impedance']:.2f} s (impedance) "
+            f"and {back['admittance']:.2f} s "
             "(admittance) after the last push",
             max(back["impedance"], back["admittance"]) < 1.0,
             "with M = 2 kg, B = 45 N s/m, K = 500 N/m",
         ),
         Claim("the same with the parameters of Table III", _as_published(found), False, _why_published()),
     ]
-    text = "Three circles, the second pushed by 10 N in x and then in y. Hall sensors, friction, torsion, delay as in the prototype."
+    text = (
+        "Three circles, the second pushed by 10 N in x and then in y. Hall sensors, friction, torsion, delay as "
+        "in the prototype."
+    )
     logs = {
         name.replace(", ", "_").replace(" ", "_").lower(): one.log for name, one in found.items() if "4096" not in name
     }
@@ -157,7 +178,8 @@ def _as_published(found: Mapping[str, Tracked]) -> str:
 
 def _why_published() -> str:
     return (
-        "a mass of one gram without spring or damper is thrown by the force sensor's own noise; 1000 kg on 10 N/m swing once in "
+        "a mass of one gram without spring or damper is thrown by the force sensor's own noise; 1000 kg on 10 N/m "
+        "swing once in "
         "63 s, so what a push began goes on"
     )
 
@@ -253,19 +275,25 @@ def table4(bench: Bench) -> Result:
         ours, theirs = 1e3 * free[law], np.array(table)
         claims.append(
             Claim(
-                f"{law}: max error {theirs[0, 0]:g} and {theirs[0, 1]:g} mm, mean {theirs[1, 0]:g} and {theirs[1, 1]:g}, std {theirs[2, 0]:g} and {theirs[2, 1]:g} in x and y",
-                f"max {ours[0, 0]:.2f} and {ours[0, 1]:.2f} mm, mean {ours[1, 0]:.2f} and {ours[1, 1]:.2f}, std {ours[2, 0]:.2f} and {ours[2, 1]:.2f}",
+                f"{law}: max error {theirs[0, 0]:g} and {theirs[0, 1]:g} mm, mean {theirs[1, 0]:g} and "
+                f"{theirs[1, 1]:g}, std {theirs[2, 0]:g} and {theirs[2, 1]:g} in x and y",
+                f"max {ours[0, 0]:.2f} and {ours[0, 1]:.2f} mm, mean {ours[1, 0]:.2f} and {ours[1, 1]:.2f}, std "
+                f"{ours[2, 0]:.2f} and {ours[2, 1]:.2f}",
                 bool((ours[0] <= theirs[0]).all()),
-                "smaller: friction is observed and compensated, the structure does not bend, and no camera measures; the paper's errors "
+                "smaller: friction is observed and compensated, the structure does not bend, and no camera measures; "
+                "the paper's errors "
                 "hold those of its video tracking",
             )
         )
     numbers = {
-        "free": {n: v for n, v in free.items()},
-        "pushed": {n: v for n, v in pushed.items()},
+        "free": free,
+        "pushed": pushed,
         "paper_mm": TABLE_4,
     }
-    text = "Errors of the tip against the circle, by axis, in millimetres; the first second, in which the circle is brought to speed, is left out."
+    text = (
+        "Errors of the tip against the circle, by axis, in millimetres; the first second, in which the circle is "
+        "brought to speed, is left out."
+    )
     return Result(
         "table4", "Tracking errors", text, [Grid("Table IV: tracking errors", columns, rows, 3)], claims, numbers, 1
     )
