@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -28,45 +28,14 @@ from hdagen.plant import Array
 
 def fig18(bench: Bench) -> Result:
     """The set-up, the bottle's path, force and clearance."""
-    stiff, soft = sets(bench, "admittance")[0], sets(bench, "admittance")[2]
-    around = np.linspace(0, 2 * np.pi, 90)
-    ring = RADIUS * np.stack([np.cos(around), np.sin(around)], axis=1)
-    time = stiff.run.log.time
-    plan = [
-        path("circle", stiff.run.path, color="grey", dash="dashed", width=1.0),
-        path("bottle, before", np.array(PLACE) + ring, color="ink", dash="dotted", width=1.0),
-        path("bottle, after set 1", stiff.place[-1] + ring, color="ink", dash="solid", width=1.0),
-        path("tip, set 1", stiff.run.simulation.tip, color="blue", dash="solid"),
-        path("tip, set 3", soft.run.simulation.tip, color="vermilion", dash="dash-dotted"),
-    ]
+    runs = sets(bench, "admittance")
     parts = [
-        Axes("(b) from above", "x (m)", "y (m)", plan, equal=True),
-        Axes(
-            "contact force",
-            "time (s)",
-            "force on the tip (N)",
-            [
-                Curve(f"set {k + 1}", time, np.linalg.norm(one.force, axis=1))
-                for k, one in enumerate(sets(bench, "admittance"))
-            ],
-        ),
-        Axes(
-            "way of the bottle",
-            "time (s)",
-            "slid (m)",
-            [
-                Curve(f"set {k + 1}", time, np.linalg.norm(one.place - one.place[0], axis=1))
-                for k, one in enumerate(sets(bench, "admittance"))
-            ],
-        ),
-        Axes(
-            "clearance of tip and bottle",
-            "time (s)",
-            "distance (m)",
-            [Curve(f"set {k + 1}", time, -one.depth) for k, one in enumerate(sets(bench, "admittance"))],
-        ),
+        _plan(runs[0], runs[2]),
+        _over_time("contact force", "force on the tip (N)", runs, [np.linalg.norm(one.force, axis=1) for one in runs]),
+        _over_time("way of the bottle", "slid (m)", runs, [np.linalg.norm(r.place - r.place[0], axis=1) for r in runs]),
+        _over_time("clearance of tip and bottle", "distance (m)", runs, [-one.depth for one in runs]),
     ]
-    numbers = {f"set_{k + 1}": one.numbers() for k, one in enumerate(sets(bench, "admittance"))}
+    numbers = {f"set_{k + 1}": one.numbers() for k, one in enumerate(runs)}
     first = numbers["set_1"]
     claims = [
         Claim(
@@ -92,8 +61,30 @@ def fig18(bench: Bench) -> Result:
         numbers,
         2,
         _choices(),
-        {"set1": stiff.run.log},
+        {"set1": runs[0].run.log},
     )
+
+
+def _plan(stiff: Collided, soft: Collided) -> Axes:
+    """From above: circle, bottle before and after, tips."""
+    around = np.linspace(0, 2 * np.pi, 90)
+    ring = RADIUS * np.stack([np.cos(around), np.sin(around)], axis=1)
+    curves = [
+        path("circle", stiff.run.path, color="grey", dash="dashed", width=1.0),
+        path("bottle, before", np.array(PLACE) + ring, color="ink", dash="dotted", width=1.0),
+        path("bottle, after set 1", stiff.place[-1] + ring, color="ink", dash="solid", width=1.0),
+        path("tip, set 1", stiff.run.simulation.tip, color="blue", dash="solid"),
+        path("tip, set 3", soft.run.simulation.tip, color="vermilion", dash="dash-dotted"),
+    ]
+    return Axes("(b) from above", "x (m)", "y (m)", curves, equal=True)
+
+
+def _over_time(heading: str, label: str, runs: Sequence[Collided], values: Sequence[Array]) -> Axes:
+    """A curve for each set."""
+    curves = [
+        Curve(f"set {k}", one.run.log.time, column) for k, (one, column) in enumerate(zip(runs, values, strict=True), 1)
+    ]
+    return Axes(heading, "time (s)", label, curves)
 
 
 def _trajectories(bench: Bench, name: str, law: str) -> Result:
@@ -193,7 +184,8 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
             1,
             Claim(
                 "after the collision impedance control is displaced less than admittance control",
-                f"{' / '.join(f'{v:.2f}' for v in back)} mm against {' / '.join(f'{v:.2f}' for v in other)} mm for equal "
+                f"{' / '.join(f'{v:.2f}' for v in back)} mm against {' / '.join(f'{v:.2f}' for v in other)} mm for "
+                "equal "
                 "M, B, K",
                 less,
                 "equal M, B and K ask for equal displacement; what is left is how well each inner loop follows",

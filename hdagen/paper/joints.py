@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 
+from hdagen.log import Log
 from hdagen.paper.answer import answers, ideally
 from hdagen.paper.compliance import BASE, SECONDS
 from hdagen.paper.estimator import estimated, rms
@@ -19,7 +22,9 @@ from hdagen.paper.prototype import (
     fine_sensors,
     turns,
 )
-from hdagen.paper.result import Axes, Claim, Curve, Grid, Part, Result
+from hdagen.paper.result import Axes, Cell, Claim, Curve, Grid, Part, Result
+from hdagen.plant import Array
+from hdagen.reference import Reference
 from hdagen.simulate import run
 
 NEAR = (1.2, -0.9, -1.3)  # rad: where the arm begins, bent
@@ -40,39 +45,7 @@ def joints3(bench: Bench) -> Result:
     log, truth = runs["impedance"].log, runs["impedance"].joint_torque
     found = estimated(arm, log)
     error, peak = rms(found.whole - truth), np.abs(truth).max(axis=0)
-    parts: list[Part] = [
-        *(
-            Axes(
-                f"in {word}",
-                "time (s)",
-                "tip off the circle (m)",
-                [
-                    *(Curve(law, path.time, off[:, axis]) for law, off in moved.items()),
-                    Curve("ideal", path.time, ideal[:, axis], color="ink", dash="dotted"),
-                ],
-                bands=[BANDS[axis]],
-            )
-            for axis, word in enumerate("xy")
-        ),
-        Axes(
-            "joint angles, impedance control",
-            "time (s)",
-            "joint angle (rad)",
-            [Curve(f"joint {j}", path.time, log[f"joint_position_{j}"]) for j in (1, 2, 3)],
-        ),
-        Axes(
-            "joint torques: true, and estimated (thin)",
-            "time (s)",
-            "joint torque (N m)",
-            [
-                *(
-                    Curve(f"joint {j + 1}", path.time, truth[:, j], color=color, dash="solid", width=2.2)
-                    for j, color in enumerate(("blue", "vermilion", "green"))
-                ),
-                *(Curve("", path.time, found.whole[:, j], color="ink", dash="solid", width=0.6) for j in range(3)),
-            ],
-        ),
-    ]
+    parts: list[Part] = [*_panels(path, moved, ideal, log, truth, found.whole)]
     answer = {law: answers(off[:, None], PUSHES, PERIOD)[0] for law, off in moved.items()}
     promised = answers(ideal[:, None], PUSHES, PERIOD)[0]
     rows: list[list[Cell]] = [
@@ -110,3 +83,21 @@ def joints3(bench: Bench) -> Result:
         logs=logs,
         robots=dict.fromkeys(logs, THREE),
     )
+
+
+def _panels(
+    path: Reference, moved: Mapping[str, Array], ideal: Array, log: Log, truth: Array, found: Array
+) -> Iterator[Axes]:
+    time = path.time
+    for axis, word in enumerate("xy"):
+        curves = [Curve(law, time, off[:, axis]) for law, off in moved.items()]
+        curves.append(Curve("ideal", time, ideal[:, axis], color="ink", dash="dotted"))
+        yield Axes(f"in {word}", "time (s)", "tip off the circle (m)", curves, bands=[BANDS[axis]])
+    angles = [Curve(f"joint {j}", time, log[f"joint_position_{j}"]) for j in (1, 2, 3)]
+    yield Axes("joint angles, impedance control", "time (s)", "joint angle (rad)", angles)
+    torques = [
+        Curve(f"joint {j + 1}", time, truth[:, j], color=color, dash="solid", width=2.2)
+        for j, color in enumerate(("blue", "vermilion", "green"))
+    ]
+    torques += [Curve("", time, found[:, j], color="ink", dash="solid", width=0.6) for j in range(3)]
+    yield Axes("joint torques: true, and estimated (thin)", "time (s)", "joint torque (N m)", torques)

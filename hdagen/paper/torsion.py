@@ -60,7 +60,7 @@ def _pair(angle: Array) -> Array:
 
 
 def slowly(bench: Bench, changes: Mapping[str, float]) -> Log:
-    """Joint 1 turned three times at 0.2 rad/s, from a part of a turn before: what the springs do is constant by then."""
+    """Joint 1 turned three times at 0.2 rad/s, from a part of a turn before: what springs do is constant by then."""
     arm = bench.arm(changes=changes)
     friction = (
         arm.parameters["coulomb_friction_1"] + SLOW * arm.parameters["ratio_1"] * arm.parameters["viscous_friction_1"]

@@ -6,11 +6,13 @@ import numpy as np
 
 from hdagen.paper.estimator import HALL_SMOOTHING, SMOOTHING, estimated, rms
 from hdagen.paper.handle import BAR, BEGUN, compensating, handled
-from hdagen.paper.prototype import DISC, ENCODER, PERIOD, TABLE_1, Bench, driven
+from hdagen.paper.prototype import DISC, ENCODER, PERIOD, TABLE_1, Bench, Driven, driven
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Result
+from hdagen.plant import Arm, Array
 from hdagen.simulate import Sensors
 
-PEAK = 2.0  # A, III.B
+PEAK, J_A = 2.0, 0.876  # A, III.B; kg m², Table I
+TIME = np.arange(8000) * PERIOD
 COUNTS, BITS = (42, 128, 512, 2048, 4096, 16384), (14, 16, 18, 20)
 
 
@@ -25,91 +27,74 @@ def ratio_of(inner: float, outer: float, rotor: float) -> float:
 def fig9(bench: Bench) -> Result:
     """Step and sine currents in both joints, Table I's arm."""
     arm = bench.arm(TABLE_1)
-    time = np.arange(8000) * PERIOD
-    wave = {"step": PEAK * (time >= 0.1), "sine": PEAK * np.sin(time)}
-    sensors = Sensors(motor_resolution=(ENCODER,) * 2, joint_resolution=(DISC,) * 2)
-    runs = {
-        name: driven(arm, np.stack([i, i], axis=1), np.zeros((len(time), 2)), [0.4, 0.9], sensors)
-        for name, i in wave.items()
-    }
-    found = {name: estimated(arm, run.log) for name, run in runs.items()}
-    J, rotor = 0.876, 100.0**2 * arm.parameters["motor_inertia_1"]
-    from scipy.optimize import brentq
-
-    inner = float(brentq(lambda x: ratio_of(x, J, rotor) - 2.0, J, 100.0))
-    outer = float(brentq(lambda x: ratio_of(J, x, rotor) - 2.0, 1e-3, J))
-    other = bench.arm(TABLE_1, {"inertia_2": outer})
-    twice = driven(other, np.stack([wave["step"]] * 2, axis=1), np.zeros((len(time), 2)), [0.4, 0.9], sensors)
-    steady = (time > 0.5) & (time < 2.0)
-    ratio = {
-        name: float(np.mean(run.joint_torque[steady, 0]) / np.mean(run.joint_torque[steady, 1]))
-        for name, run in (("step", runs["step"]), ("lighter second arm", twice))
-    }
-    errors = {name: rms(one.whole - runs[name].joint_torque) for name, one in found.items()}
+    wave = {"step": PEAK * (TIME >= 0.1), "sine": PEAK * np.sin(TIME)}
+    runs = {name: _under(arm, current) for name, current in wave.items()}
+    found = {name: estimated(arm, run.log).whole for name, run in runs.items()}
+    errors = {name: rms(one - runs[name].joint_torque) for name, one in found.items()}
     peak = {name: np.abs(run.joint_torque).max(axis=0) for name, run in runs.items()}
+    inner, outer = _for_twice(100.0**2 * arm.parameters["motor_inertia_1"])
+    lighter = _under(bench.arm(TABLE_1, {"inertia_2": outer}), wave["step"])
+    ratio = {"step": _ratio(runs["step"]), "lighter second arm": _ratio(lighter)}
     parts = [
-        Axes(
-            f"({'ab'[k]}) {name} input, joint {j + 1}",
-            "time (s)",
-            "joint torque (N m)",
-            [
-                Curve("true", time, runs[name].joint_torque[:, j], color="grey", dash="solid", width=2.4),
-                Curve("estimated", time, found[name].whole[:, j], color="blue", dash="dashed", width=1.0),
-            ],
-        )
-        for k, name in enumerate(wave)
-        for j in range(2)
+        Axes(f"({'ab'[k]}) {name} input, joint {j + 1}", "time (s)", "joint torque (N m)", [
+            Curve("true", TIME, runs[name].joint_torque[:, j], color="grey", dash="solid", width=2.4),
+            Curve("estimated", TIME, found[name][:, j], color="blue", dash="dashed", width=1.0),
+        ]) for k, name in enumerate(wave) for j in range(2)
+    ]  # fmt: skip
+    words = [
+        f"{name}: {errors[name][0]:.3f} and {errors[name][1]:.3f} N m of peaks of {peak[name][0]:.2f} and "
+        f"{peak[name][1]:.2f}"
+        for name in wave
     ]
     claims = [
         Claim(
             "the torque of the first arm is twice that of the second",
             f"{ratio['step']:.2f} times under equal steps of current",
             abs(ratio["step"] - 2) < 0.1,
-            "with Table I's J_a about each joint; at most 1.5 for equal J_a, however small the load. Twice takes "
-            f"a second arm of {outer:.2f} kg m², {outer / J:.2f} of "
-            f"the first (simulated: {ratio['lighter second arm']:.2f}), or a first of {inner:.1f} kg m². The paper "
-            "omits the masses that would settle it",
+            "with Table I's J_a about each joint; at most 1.5 for equal J_a, however small the load. Twice takes a "
+            "second "
+            f"arm of {outer:.2f} kg m², {outer / J_A:.2f} of the first (simulated: "
+            f"{ratio['lighter second arm']:.2f}), or a "
+            f"first of {inner:.1f} kg m². The paper omits the masses that would settle it",
         ),
         Claim(
             "estimated and measured torques agree under step and sinusoidal currents of 2 A peak",
-            f"rms error {errors['step'][0]:.3f} and {errors['step'][1]:.3f} N m (step), {errors['sine'][0]:.3f} "
-            f"and {errors['sine'][1]:.3f} N m (sine), "
-            f"of peaks of {peak['sine'][0]:.2f} and {peak['sine'][1]:.2f} N m",
-            bool((errors["sine"] < BAR * peak["sine"]).all() and (errors["step"] < BAR * peak["step"]).all()),
+            f"rms error, {'; '.join(words)}",
+            all(bool((errors[name] < BAR * peak[name]).all()) for name in wave),
             "encoders of 4096 counts and 2¹⁸; Table I's arm has neither hysteresis nor kinematic torsion",
         ),
     ]
     text = (
         "Table I's arm, as printed, under equal currents in both motors; the true torque and the estimate from "
-        "motor and joint angles."
+        "both angles."
     )
-    numbers = {
-        "ratio": ratio,
-        "inner_inertia_for_two": inner,
-        "outer_inertia_for_two": outer,
-        "rms_error": errors,
-        "peak": peak,
-    }
+    numbers = {"ratio": ratio, "inner_for_two": inner, "outer_for_two": outer, "rms_error": errors, "peak": peak}
     logs = {name: run.log for name, run in runs.items()}
-    choices = [
-        Choice(
-            "masses of the links",
-            "none beside J_a, as Table I has it",
-            f"a second arm of {outer:.2f} kg m² gives the ratio of two",
-        )
-    ]
-    return Result(
-        "fig9",
-        "Numerical validation of torque estimation",
-        text,
-        parts,
-        claims,
-        numbers,
-        2,
-        choices,
-        logs,
-        dict.fromkeys(logs, TABLE_1),
-    )
+    light = f"a second arm of {outer:.2f} kg m² gives the ratio of two"
+    choices = [Choice("masses of the links", "none beside J_a, as Table I has it", light)]
+    title = "Numerical validation of torque estimation"
+    return Result("fig9", title, text, parts, claims, numbers, 2, choices, logs, dict.fromkeys(logs, TABLE_1))
+
+
+def _under(arm: Arm, current: Array) -> Driven:
+    """The same current in both motors, with encoders of 4096 counts and 2¹⁸."""
+    sensors = Sensors(motor_resolution=(ENCODER,) * 2, joint_resolution=(DISC,) * 2)
+    return driven(arm, np.stack([current, current], axis=1), np.zeros((len(current), 2)), [0.4, 0.9], sensors)
+
+
+def _ratio(run: Driven) -> float:
+    """Mean torque of joint 1 by that of joint 2, once the step has settled."""
+    steady = (TIME > 0.5) & (TIME < 2.0)
+    mean = run.joint_torque[steady].mean(axis=0)
+    return float(mean[0] / mean[1])
+
+
+def _for_twice(rotor: float) -> tuple[float, float]:
+    """What gives the ratio of two beside J_a: the inner link's inertia, or the outer's, kg m²."""
+    from scipy.optimize import brentq
+
+    inner = brentq(lambda x: ratio_of(x, J_A, rotor) - 2.0, J_A, 100.0)
+    return float(inner), float(brentq(lambda x: ratio_of(J_A, x, rotor) - 2.0, 1e-3, J_A))
 
 
 def resolution(bench: Bench) -> Result:
