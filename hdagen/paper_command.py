@@ -71,9 +71,7 @@ def run(options: argparse.Namespace) -> int:
         new += now
     contents = [found[figure.name] for figure in figures]
     if figures == FIGURES:
-        from hdagen.paper import page, store
-
-        page.write(options.out, contents, store.sections(options.out, [figure.name for figure in FIGURES]))
+        _whole(options.out, contents)
     if options.json:
         print(json.dumps({content["name"]: content["claims"] for content in contents}, indent=1, ensure_ascii=False))
     else:
@@ -82,6 +80,20 @@ def run(options: argparse.Namespace) -> int:
         took = time.perf_counter() - begun
         console.print(f"{new} made, {len(figures) - new} left as they were, {took:.0f} s; see {where}", soft_wrap=True)
     return DONE
+
+
+def _whole(out: Path, contents: list[dict[str, Any]]) -> None:
+    """The page of all figures, and results.json."""
+    from hdagen.paper import document, page, store
+    from hdagen.plant import PlantError
+    from hdagen.whole import whole
+
+    try:
+        page.write(out, contents, store.sections(out, [content["name"] for content in contents]))
+        with whole(out / "results.json", document.results(contents).encode()):
+            pass
+    except OSError as error:
+        raise PlantError(f"{out}: {error.strerror}; choose another place with --out.") from None
 
 
 def _print(console: Console, figures: tuple[Listed, ...], contents: list[dict[str, Any]]) -> None:

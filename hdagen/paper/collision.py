@@ -40,17 +40,16 @@ def fig18(bench: Bench) -> Result:
     claims = [
         Claim(
             "a six-litre bottle in the way results in a new trajectory",
-            f"set 1 presses it with {first['largest_force']:.0f} N and slides it {1e3 * (first['slid'] or 0):.0f} "
-            "mm; the softer two go around "
-            f"it, at most {1e3 * (numbers['set_3']['pushed_back'] or 0):.0f} mm off the circle",
+            f"set 1 presses it with {first['largest_force']:.0f} N and slides it {1e3 * (first['slid'] or 0):.0f} mm; "
+            f"the softer two go around it, at most {1e3 * (numbers['set_3']['pushed_back'] or 0):.0f} mm off the "
+            "circle",
             None,
             f"it slides from {FRICTION * MASS * GRAVITY:.1f} N on",
         )
     ]
     text = (
         f"A bottle of {MASS:g} kg and {1e3 * RADIUS:g} mm radius stands {1e3 * DEEP:g} mm inside the circle, presses "
-        "back as a spring with a "
-        "damper and slides with dry friction. Admittance control, sets as in Fig. 19."
+        "back as a spring with a damper and slides with dry friction. Admittance control, sets as in Fig. 19."
     )
     return Result(
         "fig18",
@@ -185,8 +184,7 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
             Claim(
                 "after the collision impedance control is displaced less than admittance control",
                 f"{' / '.join(f'{v:.2f}' for v in back)} mm against {' / '.join(f'{v:.2f}' for v in other)} mm for "
-                "equal "
-                "M, B, K",
+                "equal M, B, K",
                 less,
                 "equal M, B and K ask for equal displacement; what is left is how well each inner loop follows",
             ),
@@ -252,12 +250,11 @@ def fig21(bench: Bench) -> Result:
         Claim(
             "position tracking of both controllers is similar, 0.135 mm apart in the mean when colliding",
             f"{1e3 * apart.mean():.2f} mm in the mean ({1e3 * apart[touching].mean():.2f} mm while touching); with "
-            "4096 counts "
-            f"{1e3 * apart_fine.mean():.2f} mm ({1e3 * apart_fine[touching].mean():.2f} mm)",
+            f"4096 counts {1e3 * apart_fine.mean():.2f} mm ({1e3 * apart_fine[touching].mean():.2f} mm)",
             bool(apart.mean() < 0.135e-3),
             f"M, B, K of {SENSIBLE[1]} in both; the published pair cannot be compared, its impedance set stops the "
-            f"arm at {published.run.lost} s. "
-            "0.135 mm is a third of the way by which a count of joint 1's Hall sensor moves the tip, 0.37 mm",
+            f"arm at {published.run.lost} s. 0.135 mm is a third of the way by which a count of joint 1's Hall sensor "
+            "moves the tip, 0.37 mm",
         ),
         Claim(
             "an approximate inverse relationship of the two controllers' parameters",

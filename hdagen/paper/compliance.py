@@ -96,10 +96,8 @@ def _figure(bench: Bench, name: str, law: str) -> Result:
     }
     text = (
         f"The tip on the circle of III.C, pushed by {PUSH:g} N in x from 3 to 4 s and in y from 6 to 7 s; how far it "
-        "is off "
-        f"the moving point. Base: M = {BASE['M']:g} kg, B = {BASE['B']:g} N s/m, K = {BASE['K']:g} N/m. Hall "
-        "sensors, current "
-        "loop, delay, friction and torsion as in the prototype. Dotted: what M, B and K promise."
+        f"is off the moving point. Base: M = {BASE['M']:g} kg, B = {BASE['B']:g} N s/m, K = {BASE['K']:g} N/m. Hall "
+        "sensors, current loop, delay, friction and torsion as in the prototype. Dotted: what M, B and K promise."
     )
     return Result(
         name,
@@ -182,8 +180,8 @@ def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], g
         ),
         claim(
             "a larger K moves less, so the compliance is worse",
-            f"K of 250, 500, 1000 N/m: at most {_words(K[:, 0, 2], 'mm', 1e3)} in x, "
-            f"{_words(K[:, 1, 2], 'mm', 1e3)} in y",
+            f"K of 250, 500, 1000 N/m: at most {_words(K[:, 0, 2], 'mm', 1e3)} in x, {_words(K[:, 1, 2], 'mm', 1e3)} "
+            "in y",
             ("K moves",),
         ),
         claim(
@@ -195,8 +193,8 @@ def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], g
         ),
         Claim(
             "the arm follows its M, B and K",
-            f"at most {100 * max(gap.values()):.0f} % of the largest "
-            f"displacement off the ideal; with 4096 counts {100 * gap_fine:.0f} %",
+            f"at most {100 * max(gap.values()):.0f} % of the largest displacement off the ideal; with 4096 counts "
+            f"{100 * gap_fine:.0f} %",
             None,
             f"{law} control over drives with Hall sensors: the inner loop has 25 rad/s, with encoders 50 rad/s",
         ),

@@ -236,8 +236,8 @@ def fig8(bench: Bench) -> Result:
         ]),
     ]  # fmt: skip
     text = (
-        "Joint 1 loaded once to 20 N m with its motor held, the hysteresis element off; stiffness is the slope "
-        "over 0.5 N m."
+        "Joint 1 loaded once to 20 N m with its motor held, the hysteresis element off; stiffness is the slope over "
+        "0.5 N m."
     )
     numbers = {
         "at_mid_torques": at_mids,

@@ -30,9 +30,8 @@ def fig15(bench: Bench) -> Result:
     numbers = {"rms_error": table, "peak": peak, "start_and_after": why, "kalman": filters}
     text = (
         "(b) joint 2 with no current and powered, the handle pushed to and fro; (c), (d) both joints with motors "
-        "that give 4 N m at the joint. "
-        "Kinematic torsion as published, taken off as Fig. 14 found it. Encoders of 4096 counts and 2¹⁸; Hall "
-        "sensors in the table."
+        "that give 4 N m at the joint. Kinematic torsion as published, taken off as Fig. 14 found it. Encoders of "
+        "4096 counts and 2¹⁸; Hall sensors in the table."
     )
     logs = {"static": static.log, "moving": moving.log, "moving_hall": hall.log}
     return Result(
@@ -133,16 +132,14 @@ def _claims(
                         "without, where both are defined", min(times) >= BETTER,
               "joint 2's torsion, 0.32 mrad at most, is a tenth of joint 1's"),
         Claim("the paper's sensors: Hall, 42 counts a turn",
-              f"raw {raw[0]:.1f} and {raw[1]:.1f} N m rms; smoothed {best[0]:.2f} and {best[1]:.2f}; from current "
-              f"and disc {motor[0]:.2f} and {motor[1]:.2f}; "
-              f"Kalman filter at the tick {ekf[0]:.2f} and {ekf[1]:.2f} N m ({100 * ekf[0] / ekf_peak[0]:.0f} and "
-              f"{100 * ekf[1] / ekf_peak[1]:.0f} % of peak)", None,
+              f"raw {raw[0]:.1f} and {raw[1]:.1f} N m rms; smoothed {best[0]:.2f} and {best[1]:.2f}; from current and "
+              f"disc {motor[0]:.2f} and {motor[1]:.2f}; Kalman filter at the tick {ekf[0]:.2f} and {ekf[1]:.2f} N m "
+              f"({100 * ekf[0] / ekf_peak[0]:.0f} and {100 * ekf[1] / ekf_peak[1]:.0f} % of peak)", None,
               "a count is 1.5 mrad at the joint, and the whole drive twists 1 mrad under 10 N m: torsion alone "
               "cannot tell the torque"),
         Claim("at the start there are significant errors, later they vanish",
               f"{worst}: {why[worst][0]:.2f} N m rms in the first second, {why[worst][1]:.2f} after it; held, with a "
-              "zero known before: "
-              f"{why['held by the handle when it begins'][0]:.2f} and "
+              f"zero known before: {why['held by the handle when it begins'][0]:.2f} and "
               f"{why['held by the handle when it begins'][1]:.2f}",
               vanishes,
               "what the paper supposes, the disc's tolerance, " + ("raises the error from beginning to end "

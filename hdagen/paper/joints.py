@@ -59,8 +59,7 @@ def joints3(bench: Bench) -> Result:
         Claim(
             "the system can be extended to multi-axis motion",
             f"three joints by a robot file alone: tip within {100 * gap['impedance']:.0f} % (impedance) and "
-            f"{100 * gap['admittance']:.0f} % "
-            "(admittance) of the ideal's largest displacement, torques to "
+            f"{100 * gap['admittance']:.0f} % (admittance) of the ideal's largest displacement, torques to "
             f"{', '.join(f'{100 * e / p:.1f}' for e, p in zip(error, peak, strict=True))} % of their peaks",
             max(gap.values()) < 0.2 and not any(refused.values()),
             "the third joint is one more than the tip needs; what it does is damped",

@@ -17,11 +17,12 @@ Maker = Callable[[Bench], Result]
 @dataclass(frozen=True)
 class Listed:
     """A figure or table: its name, the module of `hdagen.paper` whose function of that name makes it, and its title.
-    Figures of one module share runs."""
+    Figures of one module share runs, unless ``alone``."""
 
     name: str
     module: str
     title: str
+    alone: bool = False
 
     def make(self, bench: Bench) -> Result:
         """Simulate and compute it."""
@@ -37,8 +38,8 @@ FIGURES = (
     Listed("fig9", "validation", "Numerical validation of torque estimation"),
     Listed("fig11", "compliance", "Admittance control: M, B and K varied"),
     Listed("fig12", "compliance", "Impedance control: M, B and K varied"),
-    Listed("maps11", "sweeps", "Admittance control: maps over M, B and K, 10 000 sets"),
-    Listed("maps12", "sweeps", "Impedance control: maps over M, B and K"),
+    Listed("maps11", "sweeps", "Admittance control: maps over M, B and K, 10 000 sets", alone=True),
+    Listed("maps12", "sweeps", "Impedance control: maps over M, B and K", alone=True),
     Listed("fig14", "torsion", "Kinematic torsion and the angle of the output"),
     Listed("fig15", "estimation", "Torque estimation of both joints"),
     Listed("resolution", "validation", "Torque error against encoder resolution"),

@@ -97,8 +97,7 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
         Section(
             "Every claim",
             "What the paper says, what came out on its virtual prototype, and whether that is the same. The sections "
-            "below "
-            "have the figures, and why they differ where they do.",
+            "below have the figures, and why they differ where they do.",
             [figure.table("The paper and here", ("", *SAYS, "holds"), summary, sentences=SAYS)],
         ),
         *(
@@ -122,8 +121,7 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
     )
     reproduce = (
         "    hdagen paper all\n\nEach figure's log lies beside it, and `hdagen replay paper_prototype LOG` simulates "
-        "it again. "
-        "docs/paper.md says why things differ."
+        "it again. docs/paper.md says why things differ."
     )
     target = folder / "index.html"
     page.write(target, "The paper, reproduced", verdict, whole, reproduce)

@@ -15,7 +15,6 @@ from hdagen.paper.listed import Listed
 from hdagen.paper.prototype import ROBOT, TABLE_1, THREE, Bench
 
 Content = dict[str, Any]  # the JSON of a figure
-LONGEST_FIRST = ("sweeps",)  # modules
 
 
 def produce(
@@ -27,21 +26,20 @@ def produce(
     say("building the arms")
     builds = tuple(bench.arm(robot).folder.name for robot in (ROBOT, TABLE_1, THREE))
     came_from = store.inputs(builds)
-    groups: dict[str, list[Listed]] = {}
+    groups: dict[str, list[Listed]] = {}  # what shares runs
     for figure in figures:
         done = store.finished(folder, figure.name, came_from)
         if done is not None:
             yield figure, done, False
         else:
-            groups.setdefault(figure.module, []).append(figure)
-    order = sorted(groups, key=lambda module: (module not in LONGEST_FIRST, list(groups).index(module)))
+            groups.setdefault(figure.name if figure.alone else figure.module, []).append(figure)
+    order = sorted(groups.values(), key=lambda group: not group[0].alone)  # sweeps take longest and go first
     if processes < 2 or len(groups) < 2:
-        for module in order:
-            for figure in groups[module]:
-                say(figure.title)
-                yield figure, made(bench, figure, folder, came_from), True
+        for figure in (figure for group in order for figure in group):
+            say(figure.title)
+            yield figure, made(bench, figure, folder, came_from), True
         return
-    yield from _together([groups[module] for module in order], folder, bench, came_from, processes, say)
+    yield from _together(order, folder, bench, came_from, processes, say)
 
 
 def _together(

@@ -160,11 +160,9 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
         "shares": {WORDS[key]: found for key, found in shares.items()},
     }
     text = (
-        f"{sweep.M.size} sets of M, B and K, each 10 s in closed loop at 1 kHz on the prototype with encoders of "
-        "4096 counts: "
-        "current loop, delay, friction with the smooth sign, hysteresis and torsion. Maps are planes of the grid "
-        "through the "
-        f"set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x."
+        f"{sweep.M.size} sets of M, B and K, each 10 s in closed loop at 1 kHz on the prototype with encoders of 4096 "
+        "counts: current loop, delay, friction with the smooth sign, hysteresis and torsion. Maps are planes of the "
+        f"grid through the set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x."
     )
     return Result(
         name, f"{law.capitalize()} control, maps over M, B and K", text, parts, _claims(by, shares, lost), numbers, 3
@@ -235,8 +233,7 @@ def _claims(
         Claim(
             "a larger B settles faster, with less overshoot",
             f"{where(('B', 'settling'))}, settling ∝ B^{settles['B'][under]:.2f} under-damped and "
-            f"B^{settles['B']['over-damped']:.2f} over-damped; "
-            f"less overshoot {where(('B', 'overshoot'))}",
+            f"B^{settles['B']['over-damped']:.2f} over-damped; less overshoot {where(('B', 'overshoot'))}",
             settles["B"][under] < -0.5,
             "over-damped a larger B is slower: the slow pole is K/B",
         ),

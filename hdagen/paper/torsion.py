@@ -145,8 +145,8 @@ def fig14(bench: Bench) -> Result:
             for j in SETS for (above, way), log in every[j, False].logs.items()}  # fmt: skip
     text = (
         "Each joint turned once by a motor torque of 25, 30 and 35 mN m above running friction, both ways, with the "
-        "published torsion in the arm; (13) is fitted to all six logs, a torsion by acceleration and one by direction "
-        "beside it. Below: which basis predicts the turns after the one it was fitted to."
+        "published torsion in the arm; (13) is fitted to all six logs, a torsion by acceleration and one by "
+        "direction beside it. Below: which basis predicts the turns after the one it was fitted to."
     )
     return Result(
         "fig14",
@@ -223,8 +223,7 @@ def _claims(
             Claim(
                 f"coefficients of joint {j}, IV.A: {', '.join(f'{v:g}' for v in SETS[j])}",
                 f"with {'4096 counts' if fine else 'Hall sensors'} each within {off.max():.1f} of its standard "
-                "errors, all "
-                f"six at χ² = {one.fit.distance(SETS[j]):.1f}; the curve to {1e6 * rms:.0f} µrad rms",
+                f"errors, all six at χ² = {one.fit.distance(SETS[j]):.1f}; the curve to {1e6 * rms:.0f} µrad rms",
                 bool(off.max() < 3.0),
                 ""
                 if fine
@@ -246,13 +245,11 @@ def _claims(
         Claim(
             "a fifth-order polynomial of the output's angle, (13)",
             f"on turns it has not seen {best[name]} leaves least, {1e6 * left[name][best[name]][1]:.0f} µrad; (13) "
-            "begun anew "
-            f"{1e6 * left[name]['(13), begun anew every turn'][1]:.0f}, continued "
+            f"begun anew {1e6 * left[name]['(13), begun anew every turn'][1]:.0f}, continued "
             f"{1e6 * left[name]['(13), continued'][1]:.3g} µrad",
             best[name].startswith("(13)"),
             "a polynomial neither closes after a turn nor holds what turns with the motor; both published sets end "
-            "off where they "
-            "began, which begun anew is a jump and as a ratio an error that a gear cannot have",
+            "off where they began, which begun anew is a jump and as a ratio an error that a gear cannot have",
         )
     )
     return claims

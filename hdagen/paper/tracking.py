@@ -140,16 +140,15 @@ def fig16(bench: Bench) -> Result:
         Claim(
             "both controllers can successfully track back to the circle after the push",
             f"as near to it as the paper's largest error, {1e3 * NEAR:g} mm, {back['impedance']:.2f} s (impedance) "
-            f"and {back['admittance']:.2f} s "
-            "(admittance) after the last push",
+            f"and {back['admittance']:.2f} s (admittance) after the last push",
             max(back["impedance"], back["admittance"]) < 1.0,
             "with M = 2 kg, B = 45 N s/m, K = 500 N/m",
         ),
         Claim("the same with the parameters of Table III", _as_published(found), False, _why_published()),
     ]
     text = (
-        "Three circles, the second pushed by 10 N in x and then in y. Hall sensors, friction, torsion, delay as "
-        "in the prototype."
+        "Three circles, the second pushed by 10 N in x and then in y. Hall sensors, friction, torsion, delay as in "
+        "the prototype."
     )
     logs = {
         name.replace(", ", "_").replace(" ", "_").lower(): one.log for name, one in found.items() if "4096" not in name
@@ -179,8 +178,7 @@ def _as_published(found: Mapping[str, Tracked]) -> str:
 def _why_published() -> str:
     return (
         "a mass of one gram without spring or damper is thrown by the force sensor's own noise; 1000 kg on 10 N/m "
-        "swing once in "
-        "63 s, so what a push began goes on"
+        "swing once in 63 s, so what a push began goes on"
     )
 
 
@@ -281,8 +279,7 @@ def table4(bench: Bench) -> Result:
                 f"{ours[2, 0]:.2f} and {ours[2, 1]:.2f}",
                 bool((ours[0] <= theirs[0]).all()),
                 "smaller: friction is observed and compensated, the structure does not bend, and no camera measures; "
-                "the paper's errors "
-                "hold those of its video tracking",
+                "the paper's errors hold those of its video tracking",
             )
         )
     numbers = {

@@ -52,10 +52,9 @@ def fig9(bench: Bench) -> Result:
             f"{ratio['step']:.2f} times under equal steps of current",
             abs(ratio["step"] - 2) < 0.1,
             "with Table I's J_a about each joint; at most 1.5 for equal J_a, however small the load. Twice takes a "
-            "second "
-            f"arm of {outer:.2f} kg m², {outer / J_A:.2f} of the first (simulated: "
-            f"{ratio['lighter second arm']:.2f}), or a "
-            f"first of {inner:.1f} kg m². The paper omits the masses that would settle it",
+            f"second arm of {outer:.2f} kg m², {outer / J_A:.2f} of the first (simulated: "
+            f"{ratio['lighter second arm']:.2f}), or a first of {inner:.1f} kg m². The paper omits the masses that "
+            "would settle it",
         ),
         Claim(
             "estimated and measured torques agree under step and sinusoidal currents of 2 A peak",
@@ -65,8 +64,8 @@ def fig9(bench: Bench) -> Result:
         ),
     ]
     text = (
-        "Table I's arm, as printed, under equal currents in both motors; the true torque and the estimate from "
-        "both angles."
+        "Table I's arm, as printed, under equal currents in both motors; the true torque and the estimate from both "
+        "angles."
     )
     numbers = {"ratio": ratio, "inner_for_two": inner, "outer_for_two": outer, "rms_error": errors, "peak": peak}
     logs = {name: run.log for name, run in runs.items()}
@@ -133,8 +132,8 @@ def resolution(bench: Bench) -> Result:
     claims = [
         Claim(
             "(the paper does not say what its encoders suffice for)",
-            f"with a disc of 2¹⁸, from {least[0]} "
-            f"and {least[1]} counts at the motor on the error is below 5 % of the peak",
+            f"with a disc of 2¹⁸, from {least[0]} and {least[1]} counts at the motor on the error is below 5 % of the "
+            "peak",
             None,
             "above some 2000 counts the error is that of disc, smoothing and hysteresis",
         )
