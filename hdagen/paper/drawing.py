@@ -88,11 +88,11 @@ def _draw(plot: Plot, part: Part, wide: float) -> None:
 
 
 def _axes(plot: Plot, part: Axes) -> None:
-    every = [np.asarray(curve.x, float) for curve in part.curves], [np.asarray(c.y, float) for c in part.curves]
-    across, up = (
-        fit(part.x_label, every[0], log=part.log_x).quantity,
-        fit(part.y_label, every[1], log=part.log_y).quantity,
-    )
+    columns = [[np.asarray(getattr(curve, side), float) for curve in part.curves] for side in "xy"]
+    if part.equal:  # in one unit
+        columns = [[*columns[0], *columns[1]]] * 2
+    across = fit(part.x_label, columns[0], log=part.log_x).quantity
+    up = fit(part.y_label, columns[1], log=part.log_y).quantity
     for at, curve in enumerate(part.curves):
         _curve(plot, curve, at, across, up)
     for begin, end, words in part.bands:

@@ -10,7 +10,12 @@ from hdagen.plant import Arm, Array
 
 K1, K2, K3, T1, T2 = 1.0e4, 1.4e4, 1.6e4, 3.9, 12.0  # N m/rad, N m: catalogue of the CSG-17-100, Fig. 8
 PSI = 2.9e-4  # rad, hysteresis loss, catalogue: 1 arcmin
-LOCKED = 0.7  # N m: dry friction that no load of these figures turns the motor against
+LOCKED = 0.5  # N m: dry friction that no load of these figures turns the motor against
+HELD = {
+    f"{key}_{j}": value for key, value in (("coulomb_friction", LOCKED), ("friction_smoothing", 3.0)) for j in (1, 2)
+}
+REVERSIBLE = {"hysteresis_torque_1": 0.0, "hysteresis_torque_2": 0.0}
+GEARLESS = {"coulomb_friction_1": 0.0}
 ARM = 0.3  # m from joint 1 to the tip of the straight arm
 NO_LOAD, SPEED, EFFICIENCY = 0.493, 3730 * 2 * np.pi / 60, 0.85  # A, rad/s: Table II
 
@@ -67,9 +72,9 @@ def _to_digits(value: float, text: str) -> bool:
 
 def table2(bench: Bench) -> Result:
     """The motor's no-load current and speed, without and with the gear's friction."""
-    plant = bench.arm(changes={"coulomb_friction_1": 0.0})
+    plant = bench.arm(changes=GEARLESS)
     geared = bench.arm()
-    seconds, constant = 14.0, geared.parameters["torque_constant_1"]
+    seconds, constant = 7.5, geared.parameters["torque_constant_1"]
     rows = round(seconds / 1e-3)
     needed = NO_LOAD + geared.parameters["coulomb_friction_1"] / constant
     runs = {
@@ -112,16 +117,17 @@ def table2(bench: Bench) -> Result:
     ]  # fmt: skip
     numbers = {"speed_reached": reached, "start_current": start, "current_with_gear": needed, "stall_current": stall}
     logs = {"motor_alone": runs["motor alone"].log, "with_gear": runs[f"the same at {needed:.2f} A"].log}
+    robots = {"motor_alone": bench.robot_file(GEARLESS)}
     text = (
         "The drive of joint 1 spun up by a constant current; speeds are differences of what the Hall sensor says "
         "over 0.1 s."
     )
-    return Result("table2", "Parameters of the DC motor", text, parts, claims, numbers, 1, logs=logs)
+    return Result("table2", "Parameters of the DC motor", text, parts, claims, numbers, 1, logs=logs, robots=robots)
 
 
 def _spun(plant: Arm, current: float, rows: int) -> Driven:
     given = np.zeros((rows, 2))
-    given[:, 0] = current
+    given[:, 0] = current * np.clip(np.arange(rows) / 50.0, 0, 1)
     return driven(plant, given, np.zeros((rows, 2)), [0.0, 0.0])
 
 
@@ -133,7 +139,7 @@ def _motor_speed(run: Driven) -> Array:
 def _locked(bench: Bench, torque: Array, changes: dict[str, float]) -> tuple[Driven, Array, Array]:
     """Joint 1 of the straight arm loaded by a force across the tip, its input locked: run, torsion as the log has it,
     and the true one."""
-    arm = bench.arm(changes={"coulomb_friction_1": LOCKED, "coulomb_friction_2": LOCKED, **changes})
+    arm = bench.arm(changes={**HELD, **changes})
     push = np.zeros((len(torque), 2))
     push[:, 1] = torque / ARM
     found = driven(arm, np.zeros((len(torque), 2)), push, [0.0, 0.0])
@@ -154,7 +160,7 @@ def fig3b(bench: Bench) -> Result:
     time = np.arange(15000) * 1e-3
     load = -12.0 * np.sin(2 * np.pi * time / 6.0) * np.clip(time / 1.0, 0, 1)
     run, seen, truth = _locked(bench, load, {})
-    law, _, reversible = _locked(bench, load, {"hysteresis_torque_1": 0.0, "hysteresis_torque_2": 0.0})
+    law, _, reversible = _locked(bench, load, REVERSIBLE)
     whole = slice(3000, None)
     width, none = (
         _width(truth[whole], run.joint_torque[whole, 0]),
@@ -189,14 +195,14 @@ def fig3b(bench: Bench) -> Result:
     )  # fmt: skip
     text = "Joint 1 of the straight arm, its motor held, loaded slowly by a force across the tip."
     numbers = {"width": width, "width_of_laws_alone": none, "loss_per_turn": loss, "psi": PSI}
-    return Result("fig3b", "Hysteresis effect", text, parts, claims, numbers, 1, [choice], {"loaded": run.log})
+    robots = {"loaded": bench.robot_file(HELD)}
+    return Result("fig3b", "Hysteresis effect", text, parts, claims, numbers, 1, [choice], {"loaded": run.log}, robots)
 
 
 def fig8(bench: Bench) -> Result:
     """Stiffness against torque."""
-    off = {"hysteresis_torque_1": 0.0, "hysteresis_torque_2": 0.0}
     load = -np.linspace(0.0, 20.0, 12000)
-    run, _, truth = _locked(bench, load, off)
+    run, _, truth = _locked(bench, load, REVERSIBLE)
     torque, torsion = np.abs(run.joint_torque[:, 0]), np.abs(truth)
     grid = np.linspace(0.5, 19.5, 39)
     low, high = (np.interp(grid + side, torque, torsion) for side in (-0.25, 0.25))
@@ -246,7 +252,10 @@ def fig8(bench: Bench) -> Result:
         "torque": grid,
         "stiffness": stiffness,
     }
-    return Result("fig8", "Stiffness curve of the drive", text, parts, claims, numbers, 2, logs={"loaded": run.log})
+    robots = {"loaded": bench.robot_file(HELD | REVERSIBLE)}
+    return Result(
+        "fig8", "Stiffness curve of the drive", text, parts, claims, numbers, 2, logs={"loaded": run.log}, robots=robots
+    )
 
 
 def _lines_torsion(torque: Array) -> Array:

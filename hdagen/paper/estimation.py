@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hdagen.paper.estimator import Estimates
-from hdagen.paper.handle import BAR, BETTER, by_axis, causes, compared, filtered, handled
+from hdagen.paper.handle import BAR, BETTER, by_axis, causes, compared, filtered, handled, machine
 from hdagen.paper.prototype import DISC, ENCODER, Bench, Driven, fine_sensors
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Part, Result
 
@@ -34,17 +34,9 @@ def fig15(bench: Bench) -> Result:
         "4096 counts and 2¹⁸; Hall sensors in the table."
     )
     logs = {"static": static.log, "moving": moving.log, "moving_hall": hall.log}
-    return Result(
-        "fig15",
-        "Torque estimation of both joints",
-        text,
-        parts,
-        _claims(table, peak, filters, why),
-        numbers,
-        2,
-        _choices(),
-        logs,
-    )
+    claims, robots = _claims(table, peak, filters, why), dict.fromkeys(logs, bench.robot_file(machine()))
+    title = "Torque estimation of both joints"
+    return Result("fig15", title, text, parts, claims, numbers, 2, _choices(), logs, robots)
 
 
 def _panels(static: Driven, moving: Driven, found: Mapping[str, Mapping[str, Estimates]]) -> list[Axes]:

@@ -18,6 +18,7 @@ from hdagen.plant import Array
 
 ORDER = 5
 SMOOTH = 101  # rows of the parabola that gives the acceleration
+RISE = 0.05  # s in which the torque is brought up
 LAGS = 200  # rows over which residuals are taken to hang together
 
 
@@ -55,7 +56,8 @@ def turned(
     torque = arm.parameters[f"coulomb_friction_{j}"] + above
     seconds = 1.5 + 3.2 * turns
     current = np.zeros((round(seconds / PERIOD), 2))
-    current[:, j - 1] = direction * torque / arm.parameters[f"torque_constant_{j}"]
+    begun = np.clip(np.arange(len(current)) * PERIOD / RISE, 0, 1)
+    current[:, j - 1] = begun * direction * torque / arm.parameters[f"torque_constant_{j}"]
     q = np.zeros(2)
     q[j - 1] = 0.0 if direction > 0 else 2 * np.pi * turns
     return driven(arm, current, np.zeros((len(current), 2)), q, fine_sensors() if fine else None, seed=j)
@@ -63,9 +65,8 @@ def turned(
 
 def difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:
     """(turns of the output as the motor has it, angles' difference) of a log."""
-    return log[f"motor_position_{j}"] / (2 * np.pi * ratio), log[f"motor_position_{j}"] / ratio - log[
-        f"joint_position_{j}"
-    ]
+    turn = log[f"motor_position_{j}"] / ratio
+    return turn / (2 * np.pi), turn - log[f"joint_position_{j}"]
 
 
 def acceleration(log: Log, j: int) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from hdagen.control import Controller, Guard, Safe
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, load
 from hdagen.reference import Reference, circle
+from hdagen.robot_file import RobotFile
 from hdagen.simulate import Push, Sensors, Simulation, run
 
 ROBOT = "paper_prototype"
@@ -44,20 +46,28 @@ T = TypeVar("T")
 
 @dataclass
 class Bench:
-    """Arms that are built once, and runs that more than one figure shows; ``threads`` for sweeps."""
+    """Arms that are built once, and runs that more than one figure shows; ``threads`` for sweeps, ``folders`` the
+    builds by robot."""
 
     profile: str = "native"
     threads: int = 2
-    _folders: dict[tuple[str, str], Any] = field(default_factory=dict)
+    folders: dict[str, Path] = field(default_factory=dict)
     _shared: dict[Any, Any] = field(default_factory=dict)
 
-    def arm(self, robot: str = ROBOT, changes: Mapping[str, float] | None = None, profile: str = "") -> Arm:
+    def arm(self, robot: str = ROBOT, changes: Mapping[str, float] | None = None) -> Arm:
         """An arm of its own, with parameters changed by name."""
-        key = (robot, profile or self.profile)
-        arm = load(self._folders.get(key, robot), key[1])
-        self._folders[key] = arm.folder
+        arm = load(self.folders.get(robot, robot), self.profile)
+        self.folders[robot] = arm.folder
         arm.parameters.update(changes or {})
         return arm
+
+    def robot_file(self, changes: Mapping[str, float], robot: str = ROBOT) -> bytes:
+        """The preset's file with parameters changed, as `hdagen replay` takes it."""
+        arm = self.arm(robot, changes)
+        file = RobotFile((Path(__file__).parents[2] / "gen" / "presets" / f"{robot}.toml").read_bytes(), arm)
+        for name, value in changes.items():
+            file.put(file.place(name), value)
+        return file.text()
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
         """What ``make`` gives, made at its first use."""

@@ -100,8 +100,8 @@ Part = Axes | Map | Grid
 @dataclass(frozen=True)
 class Result:
     """A figure or table. ``parts`` stand row by row, ``columns`` beside each other, as in the paper; ``numbers`` go
-    into its JSON; ``logs`` by the end of their file's name, each with the robot that `hdagen replay` takes and the
-    parameters in which the arm differed from it."""
+    into its JSON; ``logs`` by the end of their file's name; ``robots`` what `hdagen replay` takes with each: a
+    preset (`paper_prototype` where none is named) or a robot file's content."""
 
     name: str
     title: str
@@ -112,4 +112,4 @@ class Result:
     columns: int = 2
     choices: Sequence[Choice] = ()
     logs: Mapping[str, Log] = field(default_factory=dict)
-    robots: Mapping[str, str] = field(default_factory=dict)
+    robots: Mapping[str, str | bytes] = field(default_factory=dict)

@@ -61,7 +61,12 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
         for end, log in result.logs.items():
             file = f"{result.name}_{end}.parquet"
             write_log(log, folder / file)
-            logs[file] = result.robots.get(end, "paper_prototype")
+            robot = result.robots.get(end, "paper_prototype")
+            logs[file] = robot if isinstance(robot, str) else f"{result.name}_{end}.toml"
+            if isinstance(robot, bytes):
+                files[logs[file]] = robot
+                with whole(folder / logs[file], robot):
+                    pass
         content = {
             "schema": SCHEMA, "name": result.name, "title": result.title, "text": result.text,
             "claims": [plain(asdict(claim)) for claim in result.claims],

@@ -148,17 +148,9 @@ def fig14(bench: Bench) -> Result:
         "published torsion in the arm; (13) is fitted to all six logs, a torsion by acceleration and one by "
         "direction beside it. Below: which basis predicts the turns after the one it was fitted to."
     )
-    return Result(
-        "fig14",
-        "Kinematic torsion and the output's angle",
-        text,
-        parts,
-        _claims(every, left, best),
-        numbers,
-        2,
-        _choices(),
-        logs,
-    )
+    robots = {end: bench.robot_file(torsion_of(int(end[5]), SETS[int(end[5])])) for end in logs}
+    title = "Kinematic torsion and the output's angle"
+    return Result("fig14", title, text, parts, _claims(every, left, best), numbers, 2, _choices(), logs, robots)
 
 
 def _panel(fine: Measured, hall: Measured, heading: str) -> Axes:

@@ -202,6 +202,10 @@ def fig17(bench: Bench) -> Result:
             ]
             heading = f"({'abcd'[2 * row + axis]}) {law}, {word}"
             parts.append(Axes(heading, "time (s)", f"{word} (m)", curves, bands=[SHOWN[axis]]))
+    shown = ("impedance", "admittance", "predictive")
+    for axis, word in enumerate("xy"):
+        errors = [Curve(name, found[name].log.time, found[name].off[:, axis]) for name in shown]
+        parts.append(Axes(f"off the circle in {word}", "time (s)", "error (m)", errors, bands=SHOWN))
     apart = np.linalg.norm(found["impedance"].simulation.tip - found["admittance"].simulation.tip, axis=1)
     claims = [
         Claim(
@@ -213,7 +217,7 @@ def fig17(bench: Bench) -> Result:
     ]
     numbers = {"apart_mean": apart.mean(), "apart_max": apart.max()}
     text = "The runs of Fig. 16 over time."
-    logs = {law: found[law].log for law in ("impedance", "admittance", "predictive")}
+    logs = {law: found[law].log for law in shown}
     return Result("fig17", "Position tracking in x and y", text, parts, claims, numbers, 2, logs=logs)
 
 
