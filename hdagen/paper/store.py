@@ -40,7 +40,7 @@ def finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
     try:
         content = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         same = content["schema"] == SCHEMA and content["inputs"] == came_from
-        kept = same and all(_hash(folder / file) == digest for file, digest in content["files"].items())
+        kept = same and all(digest_of(folder / file) == digest for file, digest in content["files"].items())
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     return content if kept else None
@@ -72,7 +72,7 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
             "claims": [plain(asdict(claim)) for claim in result.claims],
             "choices": [asdict(choice) for choice in result.choices],
             "numbers": plain(result.numbers), "logs": logs, "inputs": came_from, "seconds": round(seconds, 2),
-            "files": {file: _hash(folder / file) for file in [*files, *logs]},
+            "files": {file: digest_of(folder / file) for file in [*files, *logs]},
         }  # fmt: skip
         text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         with whole(folder / f"{result.name}.json", text.encode()):
@@ -102,5 +102,6 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _hash(path: Path) -> str:
+def digest_of(path: Path) -> str:
+    """By which a finished file is known again."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
