@@ -284,7 +284,10 @@ class Model:
             error = total(Port.TORSION, SX(0), **motor)
             slope = ca.jacobian(error, theta)  # beside 1/ratio, not added to it: slope 0 is then exact
             phi, phi_rate = theta * step_down + error - q, omega * step_down + slope * omega - v
-            wound = phi - total(Port.PLAY, SX(0), torsion=phi)
+            play = total(Port.PLAY, SX(0), torsion=phi)
+            wound = phi - play
+            if self.at(Port.PLAY, j):  # within the play nothing touches, so nothing damps; without play all does
+                phi_rate = phi_rate * (1 - (phi == play) * (phi != 0))
             spring = spring_torque
             if spring is None:
                 spring = drive.spring_torque(wound, drive.springs(p), p["inverse"], self.plan)

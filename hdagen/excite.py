@@ -143,7 +143,7 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
     if not 1 <= joint <= arm.n:
         problems.append(f"--joint {joint}: the robot has joints 1 to {arm.n}.")
         raise PlantError("\n".join(problems))
-    there = [atom.name for atom in dictionary(arm, Suggested({}, {})).atoms]
+    there = [atom.name for atom in dictionary(arm, Suggested({}, {}, {})).atoms]
     here = sorted({name for name in there if name.endswith((f"@{joint}", "@0"))})
     found = []
     for name in separate:
@@ -166,7 +166,7 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
 
 def _typical(arm: Arm, name: str) -> dict[str, float]:
     """The parameters of an effect at its typical size: of several amplitudes the first."""
-    words = dictionary(arm, Suggested({}, {}))
+    words = dictionary(arm, Suggested({}, {}, {}))
     k = next(k for k, atom in enumerate(words.atoms) if atom.name == name)
     column = next(c for c in words.columns if c.atom == k)
     return {column.parameter: column.center + _whole(arm, column) * column.unit}
@@ -188,7 +188,7 @@ def modelled(arm: Arm, log: Log, effects: Sequence[str], states: Array | None = 
     as measured."""
     seen = record(arm, log, max(WINDOW, FEWEST * log.period))
     shooting = Shooting(arm, seen)
-    words = dictionary(arm, Suggested(suggested(arm, seen).shapes, {}))
+    words = dictionary(arm, Suggested(suggested(arm, seen).shapes, {}, {}))
     chosen = {k for k, atom in enumerate(words.atoms) if atom.name in effects}
     columns = tuple(
         replace(c, step=_whole(arm, c), spike=c.spike if c.base else SILENT) if c.atom in chosen else c
@@ -251,4 +251,4 @@ def _with(linear: Linear, theta: Array) -> Linear:
     gram = linear.gram
     moved = np.concatenate([np.zeros(gram.m + gram.k), theta])
     added = gram.products @ moved
-    return Linear(gram, linear.z + added, linear.r2 + (2 * linear.z + added) @ moved, linear.rows)
+    return Linear(gram, linear.z + added, linear.r2 + (2 * linear.z + added) @ moved, linear.rows, linear.theta)

@@ -12,7 +12,7 @@ import scipy.stats
 
 from hdagen import verdict
 from hdagen.__main__ import main
-from hdagen.diagnosis.evidence import freed, gain, posterior
+from hdagen.diagnosis.evidence import gain, posterior, settled
 from hdagen.diagnosis.linear import Gram, Linear
 from hdagen.log import write
 from hdagen.plant import Array
@@ -24,26 +24,27 @@ def problem(rng: np.random.Generator, windows: int = 3) -> tuple[Linear, list[Ar
     blocks = [rng.normal(size=(rows, m + k + many + 1)) for _ in range(windows)]
     gram = Gram(np.stack([b[:, :-1].T @ b[:, :-1] for b in blocks]), m, k)
     z, r2 = np.stack([b[:, :-1].T @ b[:, -1] for b in blocks]), np.array([b[:, -1] @ b[:, -1] for b in blocks])
-    return Linear(gram, z, r2, windows * rows), blocks, m, k, many
+    return Linear(gram, z, r2, np.full(windows, rows), np.zeros(many)), blocks, m, k, many
 
 
-def dense(blocks: list[Array], m: int, k: int, s: float, kappa2: float, v: Array) -> float:
+def dense(blocks: list[Array], m: int, k: int, s: float, kappa2: Array, v: Array) -> float:
     """Log density of what is left of r once the first states are projected out of every window."""
     seen, columns, noise = [], [], []
-    for b in blocks:
+    for b, scale in zip(blocks, kappa2, strict=True):
         S, B, J, r = b[:, :m], b[:, m : m + k], b[:, m + k : -1], b[:, -1]
         basis = np.linalg.svd(S)[0][:, m:]  # orthogonal to the first states
         seen.append(basis.T @ r)
         columns.append(basis.T @ J)
-        noise.append(kappa2 * (basis.T @ B @ B.T @ basis * s**2 + np.eye(basis.shape[1])))
+        noise.append(scale * (basis.T @ B @ B.T @ basis * s**2 + np.eye(basis.shape[1])))
     J = np.concatenate(columns)
     C = scipy.linalg.block_diag(*noise) + J @ np.diag(v**2) @ J.T
     return float(scipy.stats.multivariate_normal(cov=C).logpdf(np.concatenate(seen)))
 
 
 @pytest.mark.parametrize("s", [0.0, 0.3])
-@pytest.mark.parametrize("kappa2", [1.0, 2.5])
-def test_the_evidence_is_that_of_the_dense_gaussian(s: float, kappa2: float) -> None:
+@pytest.mark.parametrize("scales", [(1.0, 1.0, 1.0), (1.0, 2.5, 40.0)])
+def test_the_evidence_is_that_of_the_dense_gaussian(s: float, scales: tuple[float, ...]) -> None:
+    kappa2, noise = np.array(scales), np.ones(3)
     linear, blocks, m, k, many = problem(np.random.default_rng(3))
     spike, free = np.full(many, 0.2), np.array([1, 3])
     wide = spike.copy()
@@ -51,13 +52,9 @@ def test_the_evidence_is_that_of_the_dense_gaussian(s: float, kappa2: float) -> 
     at = posterior(linear.reduced(s), spike, s, kappa2)
     truth = dense(blocks, m, k, s, kappa2, wide) - dense(blocks, m, k, s, kappa2, spike)
     assert gain(at, spike, free) == pytest.approx(truth, rel=1e-9)
-    other = posterior(linear.reduced(0.0), spike, 0.0, 1.0)
-    apart = dense(blocks, m, k, s, kappa2, spike) - dense(blocks, m, k, 0.0, 1.0, spike)
+    other = posterior(linear.reduced(0.0), spike, 0.0, noise)
+    apart = dense(blocks, m, k, s, kappa2, spike) - dense(blocks, m, k, 0.0, noise, spike)
     assert at.evidence - other.evidence == pytest.approx(apart, rel=1e-9, abs=1e-9)
-    direct = posterior(linear.reduced(s), wide, s, kappa2)
-    mean, covariance = freed(at, spike, free)
-    np.testing.assert_allclose(mean, direct.mean, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(covariance, direct.covariance, rtol=1e-8, atol=1e-12)
 
 
 @pytest.mark.parametrize("s", [0.0, 0.3])
@@ -76,19 +73,47 @@ def test_first_states_and_torques_are_those_of_ridge_regression(s: float) -> Non
 def test_the_most_probable_within_bounds_is_that_of_bounded_least_squares(seed: int) -> None:
     rng = np.random.default_rng(seed)
     linear, _, _, _, many = problem(rng)
-    reduced, prior, kappa2 = linear.reduced(0.3), rng.uniform(0.1, 1.0, many), 1.7
+    reduced, prior, kappa2 = linear.reduced(0.3), rng.uniform(0.1, 1.0, many), rng.uniform(1.0, 9.0, 3)
     low, high = np.array([-np.inf, -0.01, 0.0, 0.0]), np.array([0.0, 0.01, np.inf, 0.0])
-    H = reduced.N / kappa2 + np.diag(1.0 / prior**2)
-    root = np.linalg.cholesky(H).T
-    truth = scipy.optimize.lsq_linear(
-        root, np.linalg.solve(root.T, reduced.b / kappa2), (low - 1e-12, high + 1e-12), tol=1e-14
-    ).x
+    H = (reduced.N / kappa2[:, None, None]).sum(0) + np.diag(1.0 / prior**2)
+    root, sought = np.linalg.cholesky(H).T, (reduced.b / kappa2[:, None]).sum(0)
+    truth = scipy.optimize.lsq_linear(root, np.linalg.solve(root.T, sought), (low - 1e-12, high + 1e-12), tol=1e-14).x
     at = posterior(reduced, prior, 0.3, kappa2, (low, high))
     np.testing.assert_allclose(at.mean, truth, atol=1e-7)
     assert at.evidence <= posterior(reduced, prior, 0.3, kappa2).evidence
     far = np.full(many, 1e9)
     free, loose = posterior(reduced, prior, 0.3, kappa2), posterior(reduced, prior, 0.3, kappa2, (-far, far))
     assert loose.evidence == free.evidence and np.array_equal(loose.mean, free.mean)
+
+
+def test_what_windows_leave_at_theta_is_that_of_least_squares() -> None:
+    linear, blocks, m, k, many = problem(np.random.default_rng(7))
+    theta = np.random.default_rng(8).normal(size=many)
+    left = linear.reduced(0.0).chi2(theta)
+    for w, b in enumerate(blocks):
+        r = b[:, -1] - b[:, m + k : -1] @ theta
+        best = np.linalg.lstsq(b[:, :m], r, rcond=None)[0]
+        assert left[w] == pytest.approx(float(((r - b[:, :m] @ best) ** 2).sum()), rel=1e-8)
+
+
+def test_windows_that_no_parameter_explains_do_not_bend_what_the_others_say() -> None:
+    """Bursts in a tenth of the windows: θ is found within three standard deviations; least squares misses it by far."""
+    rng = np.random.default_rng(11)
+    m, k, many, rows, windows = 2, 3, 4, 40, 60
+    truth, blocks = rng.normal(size=many), []
+    for w in range(windows):
+        columns = rng.normal(size=(rows, m + k + many))
+        burst = 300.0 * columns[:, m + k] if w % 10 == 0 else 0.0
+        blocks.append(np.column_stack([columns, columns[:, m + k :] @ truth + burst + rng.normal(size=rows)]))
+    gram = Gram(np.stack([b[:, :-1].T @ b[:, :-1] for b in blocks]), m, k)
+    z, r2 = np.stack([b[:, :-1].T @ b[:, -1] for b in blocks]), np.array([b[:, -1] @ b[:, -1] for b in blocks])
+    linear, prior = Linear(gram, z, r2, np.full(windows, rows), np.zeros(many)), np.full(many, 10.0)
+    at = settled(linear, prior, 0.0)
+    assert np.all(np.abs(at.mean - truth) < 3.5 * np.sqrt(np.diag(at.covariance)))
+    assert np.all(at.kappa2[::10] > 100.0) and np.all(at.kappa2[1:10] == 1.0)
+    plain = posterior(linear.reduced(0.0), prior, 0.0, np.ones(windows))
+    assert abs(plain.mean[0] - truth[0]) > 10.0
+    assert at.evidence > plain.evidence
 
 
 def test_a_hold_out_that_is_the_log_and_a_short_log_are_refused(

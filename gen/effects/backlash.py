@@ -1,4 +1,5 @@
-"""A dead zone in the gear. Legend: b width, rad at the joint; φ torsion."""
+"""A dead zone in the gear, in which nothing touches: neither spring nor damping acts. Legend: b width, rad
+at the joint; φ torsion."""
 
 from collections.abc import Mapping
 from typing import Any

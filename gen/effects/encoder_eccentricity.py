@@ -9,8 +9,8 @@ from gen.effect import Effect, Parameter, Port, Signals
 
 
 def error(s: Signals, p: Mapping[str, Any]) -> Any:
-    """a sin q + b (cos q − 1): the error is counted from q = 0, where the encoder is zeroed."""
-    return p["eccentricity_sine"] * ca.sin(s.joint_position) + p["eccentricity_cosine"] * (ca.cos(s.joint_position) - 1)
+    """a sin q + b cos q."""
+    return p["eccentricity_sine"] * ca.sin(s.joint_position) + p["eccentricity_cosine"] * ca.cos(s.joint_position)
 
 
 EFFECT = Effect(

@@ -22,7 +22,7 @@ EFFECT = Effect(
     port=Port.TRANSMISSION,
     parameters=(
         Parameter(
-            "hysteresis_torque", "N m", 0.0, 0.0, 100.0, "half the height of the torque-torsion loop", typical=1.0
+            "hysteresis_torque", "N m", 0.0, 0.0, 100.0, "half the height of the torque-torsion loop", typical=2.0
         ),
         Parameter(
             "hysteresis_angle",
@@ -37,7 +37,7 @@ EFFECT = Effect(
     amplitudes=("hysteresis_torque",),
     equation=torque,
     citation="Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); paper Fig. 3b; "
-    "size: half of K ψ of a CSG-17 (catalogue: loss of 1 arcmin)",
+    "size: half of K ψ of a CSG-17 (catalogue: loss of up to 2 arcmin)",
     states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque"),),
     rigid=False,
 )

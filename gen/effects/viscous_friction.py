@@ -17,7 +17,7 @@ EFFECT = Effect(
     parameters=(),
     amplitudes=("viscous_friction",),
     equation=torque,
-    citation="paper (18); size: grease between 10 and 40 °C, "
+    citation="paper (18); size: grease at 10 against 40 °C, several times as viscous, "
     "Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013",
-    sizes={"viscous_friction": 0.5},
+    sizes={"viscous_friction": 2.0},
 )

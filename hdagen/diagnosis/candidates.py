@@ -9,6 +9,7 @@ Legend: an atom is an effect on a joint with its shape parameters at one of thei
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,12 +20,14 @@ from hdagen.diagnosis.starts import Suggested
 from hdagen.plant import Arm, Array
 
 SPIKE = 0.05  # standard deviation of the size of an effect that is not meant, in usual sizes
+TOLERATED = 3.0  # standard deviations that such an effect has at most: with more it is present
 SLAB = 1.0  # of one that is
 SILENT = 1e-3  # of an atom that is looked at only in its own hypothesis
 PRESENT = 0.15  # size from which an effect counts as present
 NEAR = 0.1  # by which a parameter of a hypothesis is moved about where it stands
 STEP = 0.1  # by which a parameter is moved for its column: small, as what is not meant is; large sizes are scanned
 LEAST = 1e-3  # of a shape parameter's range: its unit where the value is 0
+ORDER = "order"  # in the name of a shape that is no matter of small steps
 SHAPE = 0.5  # of a shape parameter's value: its unit
 
 
@@ -54,7 +57,8 @@ class Atom:
 @dataclass(frozen=True)
 class Column:
     """A parameter to move: its place in p, where θ is 0, unit of θ, spike width in units, the atom whose amplitude it
-    is (−1: none); ``base``: refitted in every hypothesis, as keys of the robot file and shapes of what is free are."""
+    is (−1: none); ``base``: refitted in every hypothesis, as keys of the robot file and shapes of what is free are;
+    ``seen``: θ as read off the log before any fit (0: it is not)."""
 
     parameter: str
     index: int
@@ -64,6 +68,7 @@ class Column:
     atom: int
     base: bool
     step: float = STEP
+    seen: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +85,14 @@ class Dictionary:
         return np.array([c.spike for c in self.columns])
 
     def bounds(self, arm: Arm) -> tuple[Array, Array]:
-        """Lowest and highest θ (P)."""
+        """Lowest and highest θ (P): those of the parameters, and of an effect that is not meant what is tolerated."""
         described = list(arm.parameters.described.values())
-        ends = [
-            sorted((end - c.center) / c.unit for end in (described[c.index].low, described[c.index].high))
-            for c in self.columns
-        ]
+        ends = []
+        for c in self.columns:
+            low, high = sorted((end - c.center) / c.unit for end in (described[c.index].low, described[c.index].high))
+            meant = c.atom < 0 or self.atoms[c.atom].name in self.meant
+            most = np.inf if meant else TOLERATED * c.spike
+            ends.append((max(low, -most), min(high, most)))
         low, high = np.array(ends).T
         return low, high
 
@@ -116,11 +123,19 @@ class Dictionary:
         return Dictionary(self.atoms, tuple(columns), frozenset(meant))
 
     def about(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> Dictionary:
-        """`focused`, about where the hypothesis stands in ``p``: its sizes by small steps, with its shapes free."""
+        """`focused`, about where the hypothesis stands in ``p``: its sizes by small steps, with its shapes free, and
+        those of what is tolerated and seen."""
         focus = self.focused(atoms)
         columns = [replace(c, step=NEAR) if c.atom in atoms else c for c in focus.columns]
+        seen = [
+            c.atom
+            for c in focus.columns
+            if c.atom >= 0 and c.atom not in atoms and abs(p[c.index] - c.center) > c.spike * abs(c.unit)
+        ]
         names = list(arm.parameters.described)
-        for name in dict.fromkeys(name for k in atoms for name in self.atoms[k].shapes):
+        shapes = [name for k in atoms for name in self.atoms[k].shapes]
+        shapes += [name for k in seen for name in self.atoms[k].shapes if ORDER not in name]
+        for name in dict.fromkeys(shapes):
             q = arm.parameters.described[name]
             value = float(p[names.index(name)])
             unit = max(SHAPE * abs(value), LEAST * (q.high - q.low)) if q.low >= 0 else 0.1 * (q.high - q.low) / 2
@@ -145,10 +160,7 @@ def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
                 atoms.append(
                     Atom(effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number)
                 )
-                columns += [
-                    _column(raw[name], place[name], len(atoms) - 1, not number, suggested.sizes.get(name))
-                    for name in names
-                ]
+                columns += [_column(raw[name], place[name], len(atoms) - 1, not number, suggested) for name in names]
     owned = {c.parameter for c in columns}
     for name, q in raw.items():
         if q["role"] == "base" and name not in owned and q["tolerance"] > 0 and q["nominal"]:
@@ -163,9 +175,10 @@ def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
     return [tuple(s[k % len(s)] for s in starts) for k in range(count)]
 
 
-def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, size: float | None) -> Column:
-    unit, base = float(q["typical"]), q["role"] == "base"
-    tolerance = q["tolerance"] * abs(q["nominal"]) / unit
-    spike = max(tolerance, 0.0 if base and tolerance else SPIKE) if first else SILENT
-    step = STEP if size is None else size / unit
-    return Column(str(q["name"]), index, float(q["nominal"]), unit, spike, atom, base and first, step)
+def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, suggested: Suggested) -> Column:
+    name, unit, base = str(q["name"]), float(q["typical"]), q["role"] == "base"
+    nominal = float(q["nominal"])
+    spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SPIKE) if first else SILENT
+    step = suggested.sizes[name] / unit if name in suggested.sizes else STEP
+    seen = (suggested.seen[name] - nominal) / unit if first and name in suggested.seen else 0.0
+    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen)

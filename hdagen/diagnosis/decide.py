@@ -16,14 +16,12 @@ from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
 
-TEMPERATURE = 1.0  # at least
-DEPENDENT = 3.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 NONE = 0.5  # prior probability of no effect
 FURTHER = 0.3  # that there is one more
-# size of unexplained torque, in its unit (2 % of the usual motor torque), and scale of the noise, at which it is as
-# probable as not that something unknown is at work
-UNKNOWN = 1.0, 2.0
-NEGLIGIBLE = 0.25  # of that, squared, below which it is not counted
+# size of unexplained torque, in its unit (2 % of the usual motor torque), and variance beyond the noise's as a share of
+# it, at which it is as probable as not that something unknown is at work
+UNKNOWN = 0.6, 1.0
+NEGLIGIBLE = 0.1  # of that, squared, below which it is not counted
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
 
 
@@ -73,7 +71,7 @@ def decide(search: Search) -> Decision:
         evidence.setdefault(names, evidence[()] + min(s.evidence - linear, 0.0))
     count = sum(len(names) == 1 for names in evidence)
     top = max(evidence.values())
-    temperature = max(TEMPERATURE, (search.fitted[0].clean - top) / DEPENDENT)
+    temperature = search.fitted[0].temperature
     weight = {names: _prior(len(names), count) * np.exp((e - top) / temperature) for names, e in evidence.items()}
     for names in sorted(fits, key=len, reverse=True):
         large = tuple(name for name, size in sizes(fits[names]).items() if size >= PRESENT)
@@ -84,7 +82,7 @@ def decide(search: Search) -> Decision:
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
     left = search.fitted[0]  # what even the best of all leaves
-    strange = max(left.score.at.s / UNKNOWN[0], np.sqrt(left.score.at.kappa2) / UNKNOWN[1]) ** 2
+    strange = max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]) ** 2
     unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE else 0.0
     hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), fits.get(names)) for names in order]
     joint = int(np.argmax(left.unexplained)) + 1

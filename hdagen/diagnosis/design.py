@@ -1,11 +1,12 @@
 """The linear model of a record about a point: residuals, and columns for first states, torques and parameters.
 
-Legend: R rows in windows, M channels, C columns; θ parameters in usual sizes (`hdagen.diagnosis.candidates`).
+Legend: R rows that are looked at, M channels, C columns; θ parameters in usual sizes (`hdagen.diagnosis.candidates`).
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,16 +45,17 @@ class Design:
 
     def linear(self) -> Linear:
         """The cross products with the residual as it would be at nominal parameters."""
-        head, M = self.shooting.m + self.k, self.residual.shape[1]
-        r = self.residual.reshape(-1) + self.words.theta(self.point.p) @ self.columns[head:]
+        head = self.shooting.m + self.k
+        theta, edges = self.words.theta(self.point.p), self.edges
+        r = self.residual.reshape(-1) + theta @ self.columns[head:]
         z = np.stack([self.columns[:, part] @ r[part] for part in self.parts])
-        return Linear(self.gram, z, np.add.reduceat(r**2, self.edges[:-1]), len(self.residual) * M)
+        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), np.diff(edges), theta)
 
     @property
     def edges(self) -> np.ndarray:
         """The first row of each window in ``columns``, and the end."""
-        record = self.shooting.record
-        return np.asarray(np.concatenate([[0], np.cumsum(record.ends - record.starts)]) * self.residual.shape[1])
+        counts = [len(rows) for rows in self.shooting.record.looked]
+        return np.asarray(np.concatenate([[0], np.cumsum(counts)]) * self.residual.shape[1])
 
     @property
     def parts(self) -> list[slice]:
@@ -74,20 +76,26 @@ class Design:
 
     def moved(self, point: Point) -> Design:
         """The same columns with the residual of another point."""
-        return self.seen(point, self.shooting.predict(Lane(point.p, point.begun)))
+        return self.seen(point, predicted(self.shooting, [Lane(point.p, point.begun)])[0])
 
-    def seen(self, point: Point, predicted: Array) -> Design:
-        """The same columns with another point, at which the channels read ``predicted`` (R, M)."""
-        other = Design(self.shooting, self.words, point, self.columns, residual(self.shooting, predicted), self.k)
+    def seen(self, point: Point, read: Array) -> Design:
+        """The same columns with another point, at which the channels read ``read`` (R, M)."""
+        other = Design(self.shooting, self.words, point, self.columns, residual(self.shooting, read), self.k)
         other.__dict__["gram"] = self.gram
         return other
+
+
+def predicted(shooting: Shooting, lanes: Sequence[Lane]) -> list[Array]:
+    """What the channels read (R, M) in each lane."""
+    looked = np.concatenate(shooting.record.looked)
+    return [seen[looked] for seen in shooting.all(lanes)]
 
 
 def residual(shooting: Shooting, seen: Array) -> Array:
     """Measured less predicted (R, M) in units of noise; no larger than the channel's range, for a model that flies
     apart is as wrong as one can be."""
     record = shooting.record
-    measured = record.measured[shooting.rows]
+    measured = record.measured[record.rows[np.concatenate(record.looked)]]
     return np.asarray(np.clip(measured - seen, -(span := np.ptp(measured, axis=0)), span) / record.noise)
 
 
@@ -155,7 +163,7 @@ def renewed(at: Design, words: Dictionary, point: Point) -> Design:
 
 def _differences(shooting: Shooting, point: Point, lanes: list[tuple[Lane, float]]) -> tuple[Array, Array]:
     """What the point predicts (R, M), and the columns of lanes with their steps."""
-    seen = shooting.all([Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
+    seen = predicted(shooting, [Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
     noise = shooting.record.noise
     columns = np.empty((len(lanes), seen[0].size))
     for c, (lane, (_, step)) in enumerate(zip(seen[1:], lanes, strict=True)):

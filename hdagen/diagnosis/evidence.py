@@ -5,7 +5,7 @@ their prior precision by D, and the evidence by
 
     |I + Σ_A D|^(−1/2) · (|V_spike| / |V_slab|)^(1/2) · exp(−½ μ_A' D (I + Σ_A D)⁻¹ μ_A).
 
-Each hypothesis chooses its own size s of unexplained torque and scale κ of the noise.
+Each hypothesis chooses its own size s of unexplained torque and scale κ of what each window leaves.
 Source: Dickey, Ann. Math. Stat. 42 (1971) 204 (the ratio of nested evidences); George, McCulloch, J. Am. Stat. Assoc.
 88 (1993) 881 (spike and slab).
 """
@@ -24,19 +24,24 @@ from hdagen.plant import Array
 
 TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 11)])  # s, in units of unexplained torque
 MOST_CHANGES = 20  # of what is held at its bounds
-SCALES = 3  # of the noise that are tried at each s
+SCALES = 12  # at most, times that the windows are weighed anew
+STILL = 0.05  # change of log κ² below which they are not
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """θ at one (s, κ): mean, or most probable within bounds (P), covariance (P, P), log evidence."""
+    """θ at one s and κ² (W): mean, or most probable within bounds (P), covariance (P, P), log evidence."""
 
     s: float
-    kappa2: float
+    kappa2: Array
     mean: Array
     covariance: Array
     evidence: float
-    left: float  # chi² per degree of freedom
+
+    @property
+    def level(self) -> float:
+        """Scale of the noise, squared, joined over the windows (geometric mean)."""
+        return float(np.exp(np.log(self.kappa2).mean()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,63 +62,64 @@ def posteriors(
     near: float | None = None,
     bounds: Bounds | None = None,
 ) -> list[Posterior]:
-    """The posterior at every size s of unexplained torque, each with the noise as stated and as large as it looks; with
-    ``near`` at the sizes about that one, as far as they get better."""
+    """The posterior at every size s of unexplained torque, each window at the scale of what it leaves; with ``near`` at
+    the sizes about that one, as far as they get better."""
     if near is None:
-        return [one for s in TORQUES for one in _at(linear, spike, s, bounds)]
+        return [settled(linear, spike, s, bounds) for s in TORQUES]
     here = int(np.argmin(np.abs(TORQUES - near)))
-    made = {k: _at(linear, spike, TORQUES[k], bounds) for k in range(max(here - 1, 0), min(here + 2, len(TORQUES)))}
-    best = {k: max(one.evidence for one in found) for k, found in made.items()}
+    made = {here: settled(linear, spike, TORQUES[here], bounds)}
     for step in (-1, 1):
         k = here + step
-        while k in best and best[k] == max(best.values()) and 0 <= k + step < len(TORQUES):
+        while 0 <= k < len(TORQUES):
+            made[k] = settled(linear, spike, TORQUES[k], bounds)
+            if made[k].evidence <= made[k - step].evidence:
+                break
             k += step
-            made[k] = _at(linear, spike, TORQUES[k], bounds)
-            best[k] = max(one.evidence for one in made[k])
-    return [one for k in sorted(made) for one in made[k]]
+    return [made[k] for k in sorted(made)]
 
 
-def _at(linear: Linear, spike: Array, s: float, bounds: Bounds | None) -> list[Posterior]:
-    """The posterior at one size of unexplained torque, with the noise as stated and as large as it looks."""
-    reduced, found = linear.reduced(float(s)), []
-    kappa2 = 1.0
+def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None) -> Posterior:
+    """The posterior at one size of unexplained torque, the windows weighed anew until their scales stand."""
+    reduced = linear.reduced(float(s))
+    kappa2 = reduced.scales(linear.theta)
     for _ in range(SCALES):
-        found.append(posterior(reduced, spike, float(s), kappa2, bounds))
-        left = found[-1].left
-        if left < 1.05 * kappa2:
+        found = posterior(reduced, spike, float(s), kappa2, bounds)
+        old, kappa2 = kappa2, reduced.scales(found.mean)
+        if np.abs(np.log(kappa2 / old)).max() < STILL:
             break
-        kappa2 = left
     return found
 
 
-def posterior(reduced: Reduced, spike: Array, s: float, kappa2: float, bounds: Bounds | None = None) -> Posterior:
-    """θ under prior standard deviations ``spike`` (P). With ``bounds`` the most probable θ lies within them, and the
-    evidence is that of Laplace's approximation there; without, it is exact."""
+def posterior(reduced: Reduced, spike: Array, s: float, kappa2: Array, bounds: Bounds | None = None) -> Posterior:
+    """θ under prior standard deviations ``spike`` (P), the windows at scales ``kappa2`` (W). With ``bounds`` the most
+    probable θ lies within them, and the evidence is that of Laplace's approximation there; without, it is exact."""
+    weight = 1.0 / kappa2
+    N, b, c = np.tensordot(weight, reduced.N, 1), weight @ reduced.b, float(weight @ reduced.c)
     V = spike[:, None] * spike
-    factor = scipy.linalg.cho_factor(reduced.N * V / kappa2 + np.eye(len(spike)), lower=True)
+    factor = scipy.linalg.cho_factor(N * V + np.eye(len(spike)), lower=True)
     covariance = scipy.linalg.cho_solve(factor, np.eye(len(spike))) * V
-    mean = covariance @ reduced.b / kappa2
+    mean = covariance @ b
     log = -0.5 * (
-        (reduced.c - float(reduced.b @ mean)) / kappa2
+        c
+        - float(b @ mean)
         + 2.0 * float(np.log(np.diagonal(factor[0])).sum())
         + reduced.logdet
-        + reduced.freedom * np.log(kappa2)
+        + float(reduced.freedom @ np.log(kappa2))
     )
     if bounds is not None:
-        within = bounded(reduced, kappa2, spike, mean, bounds)
-        log -= 0.5 * (reduced.cost(within, kappa2, spike) - reduced.cost(mean, kappa2, spike))
+        H = N + np.diag(1.0 / spike**2)
+        within = bounded(H, b, mean, bounds)
+        log -= 0.5 * float((within - mean) @ H @ (within - mean))
         mean = within
-    chi2 = reduced.c - 2 * float(reduced.b @ mean) + float(mean @ reduced.N @ mean)
-    return Posterior(s, kappa2, mean, covariance, log, chi2 / reduced.freedom)
+    return Posterior(s, kappa2, mean, covariance, log)
 
 
-def bounded(reduced: Reduced, kappa2: float, prior: Array, free: Array, bounds: Bounds) -> Array:
-    """The most probable θ within ``bounds``, ``free`` being that without them.
+def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
+    """θ with the least ½ θ'Hθ − g'θ within ``bounds``, ``free`` being that without them.
 
     What leaves its bounds is held there, and let go again where its slope points inwards; the rest is solved anew.
     """
     low, high = bounds
-    H, g = reduced.N / kappa2 + np.diag(1.0 / prior**2), reduced.b / kappa2
     theta, held = free.copy(), np.zeros(len(free), bool)
     for _ in range(MOST_CHANGES):
         outside = ~held & ((theta < low) | (theta > high))
@@ -137,17 +143,6 @@ def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
     if sign <= 0:
         return -np.inf
     return float(-0.5 * logdet + np.log(spike[free] / slab).sum() - 0.5 * (mu * D) @ np.linalg.solve(K, mu))
-
-
-def freed(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> tuple[Array, Array]:
-    """Mean (P) and covariance (P, P) of θ with the columns ``free`` free."""
-    if not len(free):
-        return at.mean, at.covariance
-    D = 1.0 / slab**2 - 1.0 / spike[free] ** 2
-    S = at.covariance[:, free]
-    K = np.eye(len(free)) + at.covariance[np.ix_(free, free)] * D
-    change = S @ (D[:, None] * np.linalg.inv(K))
-    return at.mean - change @ at.mean[free], at.covariance - change @ S.T
 
 
 def score(found: Sequence[Posterior], words: Dictionary, hypotheses: Sequence[tuple[int, ...]]) -> list[Scored]:

@@ -40,7 +40,7 @@ def findings(arm: Arm, found: Search, decision: Decision) -> dict[str, Any]:
             "present_from": PRESENT,
             "sure_below": SURE,
             "unexplained_torque": best.score.at.s,
-            "noise_scale": math.sqrt(best.score.at.kappa2),
+            "noise_scale": math.sqrt(best.score.at.level),
         },
     }
 

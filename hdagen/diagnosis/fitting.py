@@ -3,7 +3,7 @@
 Every hypothesis begins at the robot file's own numbers. From the best fit of another it would not find its own: what
 the other bent base parameters by lies behind a curved valley.
 
-Legend: θ parameters in usual sizes; s size of unexplained torque; κ scale of the noise.
+Legend: θ parameters in usual sizes; s size of unexplained torque; κ scale of what a window leaves.
 """
 
 from __future__ import annotations
@@ -14,11 +14,15 @@ import numpy as np
 
 from hdagen.diagnosis.candidates import SLAB, Dictionary
 from hdagen.diagnosis.design import KNOTS, Design, Point, chosen, design, renewed
-from hdagen.diagnosis.evidence import Scored, posterior, posteriors
+from hdagen.diagnosis.evidence import Scored, posterior, posteriors, settled
+from hdagen.diagnosis.linear import Linear
 from hdagen.plant import Array
 
+TEMPERATURE = 3.0  # at least: fits of one log that end in different places differ by as much
+DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 CHORDS = 3
 SHARES = (1.0, 0.5, 0.2, 0.05)
+WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 ENOUGH = 1.0  # of log evidence that a step must bring for another one with the same columns
 
 
@@ -35,6 +39,12 @@ class Fitted:
     def bare(self) -> Fitted:
         """What a decision needs of it, without the columns, which would fill the memory."""
         return replace(self, design=self.design.bare())
+
+    @property
+    def temperature(self) -> float:
+        """By what differences of log evidence are divided before they become probabilities: what it still leaves
+        would be worth as much to a better one, so an effect must bring a share of that."""
+        return max(TEMPERATURE, (self.clean - self.score.evidence) / DEPENDENT)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -73,12 +83,14 @@ def advanced(fit: Fitted, words: Dictionary, every: bool = False) -> Fitted:
 def _scored(at: Design, atoms: tuple[int, ...], near: float) -> Fitted:
     linear = at.linear()
     prior, bounds = _prior(at, atoms), at.words.bounds(at.shooting.arm)
+    nothing = linear.reduced(0.0)
+    noise = np.ones(len(linear.rows))
+    exact = posterior(nothing, prior, 0.0, noise, bounds)
+    clean = exact.evidence + 0.5 * (nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum())
     found = posteriors(linear, prior, near, bounds)
     best = max(found, key=lambda one: one.evidence)
     torque = linear.inner(best.s, best.mean)[1]
-    nothing = linear.reduced(0.0)
-    exact = posterior(nothing, prior, 0.0, 1.0, bounds)
-    clean = exact.evidence + 0.5 * (nothing.cost(exact.mean, 1.0, prior) - nothing.freedom)
+    at.gram.kept.clear()
     return Fitted(atoms, at, Scored(atoms, best.evidence, best), _by_joint(at, torque), clean)
 
 
@@ -100,29 +112,41 @@ def _by_joint(at: Design, torque: Array) -> Array:
 
 def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
     """Newton's steps with the columns kept, towards the most probable point of a hypothesis."""
-    words, s, kappa2, prior = at.words, lead.at.s, lead.at.kappa2, _prior(at, atoms)
+    words, s, prior = at.words, lead.at.s, _prior(at, atoms)
     bounds, linear = words.bounds(at.shooting.arm), at.linear()
     old = words.theta(at.point.p)
-    reduced = linear.reduced(s)
-    cost = reduced.cost(old, kappa2, prior)
+    cost = linear.reduced(s).cost(old, prior)
     for _ in range(CHORDS):
-        theta = posterior(reduced, prior, s, kappa2, bounds).mean
-        begun = linear.inner(s, theta)[0]
+        theta = settled(linear, prior, s, bounds).mean
+        begun = np.zeros_like(at.point.begun)
+        begun[at.shooting.record.kept] = linear.inner(s, theta)[0]
         for share in SHARES:
-            point = placed(at, old + share * (theta - old), at.point.begun + share * begun)
-            trial = at.moved(point)
-            there = trial.linear()
-            reached = words.theta(point.p)
-            other = there.reduced(s)
-            value = other.cost(reached, kappa2, prior)
+            trial = _tried(at, linear, s, placed(at, old + share * (theta - old), at.point.begun + share * begun))
+            there, reached = trial.linear(), words.theta(trial.point.p)
+            value = there.reduced(s).cost(reached, prior)
             if value < cost:
                 break
         else:
             break
-        gain, at, linear, reduced, cost, old = cost - value, trial, there, other, value, reached
+        gain, at, linear, cost, old = cost - value, trial, there, value, reached
         if gain < ENOUGH:
             break
     return at
+
+
+def _tried(at: Design, linear: Linear, s: float, point: Point) -> Design:
+    """The model at ``point``, windows that its first states make worse with those of ``at``: from where a joint
+    sticks, or flies apart, their columns say little."""
+    trial = at.moved(point)
+    left = [
+        one.reduced(s).chi2(at.words.theta(where.p)) for one, where in ((linear, at.point), (trial.linear(), point))
+    ]
+    worse = at.shooting.record.kept[left[1] > left[0] + WORSE]
+    if not len(worse):
+        return trial
+    begun = point.begun.copy()
+    begun[worse] = at.point.begun[worse]
+    return at.moved(Point(point.p, begun))
 
 
 def placed(at: Design, theta: Array, begun: Array) -> Point:

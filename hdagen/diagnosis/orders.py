@@ -62,7 +62,7 @@ def _waves(shooting: Shooting, j: int) -> Array:
     turned = np.exp(1j * ORDERS[:, None] * theta)
     sums = np.concatenate([np.zeros((len(ORDERS), 1)), np.cumsum(turned, axis=1)], axis=1)
     parts = []
-    for first, end in zip(record.starts, record.ends, strict=True):
+    for first, end in record.edges[record.kept]:
         edge = np.linspace(first, end, KNOTS + 1).round().astype(int)
         parts.append((sums[:, edge[1:]] - sums[:, edge[:-1]]) / np.diff(edge))
     mean = np.concatenate(parts, axis=1)

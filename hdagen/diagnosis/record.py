@@ -1,11 +1,17 @@
 """A log as the fit sees it: inputs, measured channels with their noise, and windows that each begin anew.
 
-Legend: T rows, W windows, M channels; m positions and velocities of the state.
+All windows are simulated, as some effects remember; of a long or dense log the fit looks at a share of them and of
+their rows, which bounds time and memory.
+
+Legend: T rows, R rows in windows, W windows, K windows that are looked at, M channels; m positions and velocities of
+the state.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +24,8 @@ from hdagen.replay import _noise, driven_by, window_starts
 
 QUANTITIES = ("motor_current", "motor_position", "joint_position", "joint_torque")
 REACH = 0.01  # s to each side of a window's first row from which its state is read
+MOST_WINDOWS = 160  # that are looked at
+MOST_VALUES = 30_000  # rows by channels that are looked at
 SHORTEST = 0.5  # share of the window that a shorter last one must have
 
 
@@ -42,6 +50,19 @@ class Record:
     def rows(self) -> Rows:
         """The rows that lie in windows, window after window."""
         return np.concatenate([np.arange(a, b) for a, b in zip(self.starts, self.ends, strict=True)])
+
+    @cached_property
+    def kept(self) -> Rows:
+        """The windows that are looked at (K), evenly over the log."""
+        return np.unique(np.linspace(0, len(self.starts) - 1, min(len(self.starts), MOST_WINDOWS)).round().astype(int))
+
+    @cached_property
+    def looked(self) -> list[Rows]:
+        """The rows of each window that is looked at, as places in ``rows``."""
+        begins = np.concatenate([[0], np.cumsum(self.ends - self.starts)])
+        values = int((self.ends - self.starts)[self.kept].sum()) * len(self.names)
+        stride = max(1, math.ceil(values / MOST_VALUES))
+        return [np.arange(begins[w], begins[w + 1], stride) for w in self.kept]
 
     @property
     def edges(self) -> Rows:

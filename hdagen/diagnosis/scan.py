@@ -6,18 +6,20 @@ every effect is put into the model at a few sizes of either sign, with the base 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import SLAB, Atom, Dictionary
-from hdagen.diagnosis.design import Design, Point, chosen
-from hdagen.diagnosis.evidence import posterior
+from hdagen.diagnosis.candidates import ORDER, SLAB, Atom, Dictionary
+from hdagen.diagnosis.design import Design, Point, chosen, predicted
+from hdagen.diagnosis.evidence import settled
 from hdagen.diagnosis.shooting import THREADS, Lane
 from hdagen.plant import Array
 
 SIZES = (-2.0, -0.7, 0.7, 2.0)  # usual sizes
+SEEN = 0.1  # usual sizes of what was read off, from which it is tried
 TORQUES = (0.03, 1.0)  # sizes of unexplained torque
 
 
@@ -41,12 +43,12 @@ def scan(at: Design, words: Dictionary, lead: tuple[int, ...] = ()) -> dict[int,
         if atom.name not in meant
         for point in _displaced(at, words, k, atom)
     ]
-    seen = at.shooting.all([Lane(point.p, point.begun) for _, point in tried])
+    seen = predicted(at.shooting, [Lane(point.p, point.begun) for _, point in tried])
     none = _evidence(base)
 
     def judged(one: tuple[tuple[int, Point], Array]) -> float:
-        (_, point), predicted = one
-        return _evidence(base.seen(point, predicted)) - none
+        (_, point), read = one
+        return _evidence(base.seen(point, read)) - none
 
     with ThreadPoolExecutor(THREADS) as pool:
         gains = list(pool.map(judged, zip(tried, seen, strict=True)))
@@ -58,32 +60,34 @@ def scan(at: Design, words: Dictionary, lead: tuple[int, ...] = ()) -> dict[int,
 
 
 def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]:
-    """Points with the atom at each of its sizes that its bounds allow, one of its amplitudes at a time."""
+    """Points with the atom as it was read off, and at each of its sizes that its bounds allow, one of its amplitudes at
+    a time."""
     columns = [c for c in words.columns if c.atom == k]
-    if len(columns) > 1 and (not atom.shapes or "order" in "".join(atom.shapes)):
-        return []  # a sine and a cosine are as good as linear
-    arm = at.shooting.arm
-    described = list(arm.parameters.described.values())
+    described = list(at.shooting.arm.parameters.described.values())
     found = []
+    if np.linalg.norm([c.seen for c in columns]) >= SEEN:
+        found.append(_put(at, atom, {c.index: c.center + c.seen * c.unit for c in columns}))
+    if len(columns) > 1 and (not atom.shapes or ORDER in "".join(atom.shapes)):
+        return found  # a sine and a cosine are as good as linear
     for c in columns:
         for size in dict.fromkeys((*SIZES, c.step)):
-            value = at.point.p[c.index] + size * c.unit
+            value = c.center + size * c.unit
             if described[c.index].low <= value <= described[c.index].high:
-                p = at.point.p.copy()
-                atom.shape(arm, p)
-                p[c.index] = value
-                begun = at.point.begun
-                if atom.place == "sensor":  # the windows begin where the encoders say
-                    begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
-                found.append(Point(p, begun))
+                found.append(_put(at, atom, {c.index: value}))
     return found
+
+
+def _put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
+    """The point of ``at`` with the atom's shapes and parameters at ``values``."""
+    p, begun = at.point.p.copy(), at.point.begun
+    atom.shape(at.shooting.arm, p)
+    for index, value in values.items():
+        p[index] = value
+    if atom.place == "sensor":  # the windows begin where the encoders say
+        begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
+    return Point(p, begun)
 
 
 def _evidence(base: Design) -> float:
     linear, spike = base.linear(), base.words.spike
-    values = []
-    for s in TORQUES:
-        reduced = linear.reduced(s)
-        first = posterior(reduced, spike, s, 1.0)
-        values += [first.evidence, posterior(reduced, spike, s, max(first.left, 1.0)).evidence]
-    return float(np.max(values))
+    return max(settled(linear, spike, s).evidence for s in TORQUES)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.candidates import TOLERATED, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
-from hdagen.diagnosis.fitting import Fitted, advanced, begun
+from hdagen.diagnosis.fitting import TEMPERATURE, Fitted, advanced, begun
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
@@ -19,9 +19,11 @@ from hdagen.diagnosis.starts import suggested
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
-WORTH = 8.0  # of log evidence that a further effect must bring to be fitted
-LONGEST, SETTLED = 3, 3.0  # further rounds at most, and the log evidence that one must bring for the next
+WORTH = 4.0  # temperatures of log evidence that a further effect must promise to be fitted
+LONGEST = 3  # further rounds at most, each for another temperature of log evidence
 SETTLING = 2  # how many hypotheses beside none go on
+TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
+HOPELESS = 20.0  # temperatures behind the leader
 CLEAN = 0.02, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
 
 
@@ -42,25 +44,45 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     shown = suggested(shooting.arm, shooting.record)
     words = dictionary(shooting.arm, with_orders(shooting, dictionary(shooting.arm, shown), shown))
     say(f"screening {len(words.atoms)} candidates")
-    at = design(shooting, words, Point(*shooting.begin()))
+    at = design(shooting, words, first(shooting, words))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
     screened = score(posteriors(at.linear(), words.spike), words, singles)
     starts = scan(at, words)
     none = next(s for s in screened if not s.atoms)
-    field = [begun(at, words, (), none.at.s), *_promising(at, words, screened, starts, (), FIELD[0])]
+    field = [
+        begun(at, words, (), none.at.s),
+        *_promising(at, words, screened, starts, (), FIELD[0], WORTH * TEMPERATURE),
+    ]
     fitted = _race(field, words, FIELD, say)
     lead = fitted[0]
     fitted = _bare(fitted)
     while len(lead.atoms) < MOST:
-        fitted = _ordered([*fitted, *_race(_beside(at, words, lead), words, FURTHER, say)])
+        further = _beside(at, words, lead)
+        fitted = _ordered([*fitted, *_race(further, words, FURTHER, say)]) if further else fitted
         if fitted[0] is lead:
             break
         lead, fitted = fitted[0], _bare(fitted)
     return Search(words, tuple(fitted), tuple(screened))
 
 
+def first(shooting: Shooting, words: Dictionary) -> Point:
+    """Where every hypothesis begins: the robot file's own numbers, with what was read off the log as far as it is
+    tolerated."""
+    p = shooting.arm.p.copy()
+    for c in words.columns:
+        if c.seen:
+            p[c.index] = c.center + float(np.clip(c.seen, -TOLERATED * c.spike, TOLERATED * c.spike)) * c.unit
+    return Point(p, shooting.begun(p))
+
+
 def _promising(
-    at: Design, words: Dictionary, scored: Sequence[Scored], starts: dict[int, Start], lead: tuple[int, ...], most: int
+    at: Design,
+    words: Dictionary,
+    scored: Sequence[Scored],
+    starts: dict[int, Start],
+    lead: tuple[int, ...],
+    most: int,
+    worth: float,
 ) -> list[Fitted]:
     """The effects that promise most beside ``lead``, in the linear model or at one of their sizes, each begun there."""
     alone = next(s for s in scored if s.atoms == lead)
@@ -69,7 +91,7 @@ def _promising(
     for k, gain in linear.items():
         at_size = starts[k].gain if k in starts else -np.inf
         name, best = words.atoms[k].name, max(gain, at_size)
-        if best > WORTH and best > found.get(name, (-np.inf, k))[0]:
+        if best > worth and best > found.get(name, (-np.inf, k))[0]:
             found[name] = best, k
     leading = sorted(found.values(), reverse=True)[:most]
     fits = []
@@ -88,22 +110,26 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
             say(f"fitting {' + '.join(f.names) or 'none'}, round {number} of {len(sizes)}")
             moved.append(advanced(f, words))
         moved, after = _ordered(moved), sizes[number] if number < len(sizes) else len(moved)
-        field = [f for place, f in enumerate(moved) if not f.atoms or place < after]
+        none = next((f.score.evidence for f in moved if not f.atoms), None)
+        least = -np.inf if none is None else none + TRAILING * (moved[0].score.evidence - none)
+        field = [f for place, f in enumerate(moved) if not f.atoms or (place < after and f.score.evidence >= least)]
         out += [f.bare() for f in moved if f not in field]
     best = [f for place, f in enumerate(_ordered(field)) if not f.atoms or place < SETTLING]
     rest = [f for f in field if f not in best]
-    return _ordered([*out, *rest, *(_settled(f, words) for f in best)])
+    return _ordered([*out, *rest, *(_settled(f, best[0], words) for f in best)])
 
 
 def _clean(fit: Fitted) -> bool:
-    return fit.score.at.s <= CLEAN[0] and fit.score.at.kappa2 <= CLEAN[1]
+    return fit.score.at.s <= CLEAN[0] and fit.score.at.level <= CLEAN[1]
 
 
-def _settled(fit: Fitted, words: Dictionary) -> Fitted:
-    """A hypothesis that goes on as long as it gets better."""
+def _settled(fit: Fitted, lead: Fitted, words: Dictionary) -> Fitted:
+    """A hypothesis that goes on as long as it gets better, all its columns made anew; not one far behind ``lead``."""
+    if fit.score.evidence < lead.score.evidence - HOPELESS * lead.temperature:
+        return fit
     for _ in range(LONGEST):
-        further = advanced(fit, words, every=not _clean(fit))
-        if further.score.evidence < fit.score.evidence + SETTLED:
+        further = advanced(fit, words, every=True)
+        if further.score.evidence < fit.score.evidence + fit.temperature:
             return fit if further.score.evidence < fit.score.evidence else further
         fit = further
     return fit
@@ -116,7 +142,7 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     hypotheses = [lead.atoms, *((*lead.atoms, k) for k in others)]
     scored = score(posteriors(full.linear(), full.words.spike, lead.score.at.s), full.words, hypotheses)
     starts = {} if _clean(lead) else scan(full, full.words, lead.atoms)
-    return _promising(full, words, scored, starts, lead.atoms, FURTHER[0])
+    return _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.temperature)
 
 
 def _bare(fits: Sequence[Fitted]) -> list[Fitted]:

@@ -1,4 +1,5 @@
-"""What a log itself suggests before any search: walls at the ends of a range, and what the drive makes of its commands.
+"""What a log itself suggests before any search: walls at the ends of a range, what the drive makes of its commands, and
+what the joints' torsion shows.
 
 The linear model of an effect is a difference over the size by which its parameter is moved. Where an effect answers to
 its size with a corner (a limit, a delay of whole rows, a wall) that size has to be near the one that reality has.
@@ -6,6 +7,7 @@ its size with a corner (a limit, a delay of whole rows, a wall) that size has to
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,21 +19,31 @@ from hdagen.plant import Arm, Array
 
 BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows that lie beyond a wall that is tried
 SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in usual sizes
+SIZED = ("sensor_delay", "backlash_angle")  # read off well enough to be tried at that size
+TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # of the kinematic error, with the words of its parameters
+LEAST = 0.1  # usual sizes, from which that is worth it
+LOADED = 0.1  # of its usual torque, from which a joint's torque has a sign for certain
+PASSES = 6  # of weighing rows anew
 WORTH = 0.99  # of the error of the current without the effect, below which a size is suggested
 
 
 @dataclass(frozen=True)
 class Suggested:
     """``shapes``: values from which the search starts, by shape parameter, in place of the model's; ``sizes``: by how
-    much an amplitude is moved for its column, in its unit."""
+    much an amplitude is moved for its column, in its unit; ``seen``: what can be read off the joints' torsion, from
+    which every hypothesis starts as far as it tolerates that, by parameter."""
 
     shapes: dict[str, tuple[float, ...]]
     sizes: dict[str, float]
+    seen: dict[str, float]
 
 
 def suggested(arm: Arm, record: Record) -> Suggested:
     """All that the log suggests."""
-    return Suggested(_walls(arm, record.log), _inputs(arm, record) | _skews(arm, record.log))
+    seen = torsion(arm, record)
+    least = {name: LEAST * (q.typical or np.inf) for name, q in arm.parameters.described.items()}
+    sized = {name: size for name, size in seen.items() if name.startswith(SIZED) and abs(size) > least[name]}
+    return Suggested(_walls(arm, record.log), _inputs(arm, record) | sized, seen)
 
 
 def _walls(arm: Arm, log: Log) -> dict[str, tuple[float, ...]]:
@@ -45,24 +57,64 @@ def _walls(arm: Arm, log: Log) -> dict[str, tuple[float, ...]]:
     return found
 
 
-def _skews(arm: Arm, log: Log) -> dict[str, float]:
-    """The age of each joint encoder's reading: the part of its difference to the motor's that goes with speed."""
-    sizes: dict[str, float] = {}
-    for j in range(1, arm.n + 1):
-        name, both = f"sensor_delay_{j}", (f"motor_position_{j}", f"joint_position_{j}")
-        if name not in arm.parameters.described or not all(channel in log for channel in both):
+def torsion(arm: Arm, record: Record) -> dict[str, float]:
+    """What the difference of both encoders of a joint shows beside the torque that twists it: backlash where that
+    changes sign, the joint encoder's bias, eccentricity and age, and the kinematic error; by parameter, in its unit.
+
+    Least squares, rows that are out of line weighed less, on the torque of the inverse dynamics.
+    """
+    log, n, described = record.log, arm.n, arm.parameters.described
+    if not arm.manifest["flexible"] or any(f"joint_position_{j}" not in log for j in range(1, n + 1)):
+        return {}
+    grid = even(log.time)
+    q = np.stack([grid.smooth(log[f"joint_position_{j}"]) for j in range(1, n + 1)], 1)
+    v = np.stack([grid.rate(column) for column in q.T], 1)
+    a = np.stack([grid.rate(column) for column in v.T], 1)
+    held = record.command[np.clip(np.searchsorted(log.time, grid.time, side="right") - 1, 0, None)]
+    torque = arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=held[:, n:])["joint_torque"]
+    found: dict[str, float] = {}
+    for j in arm.manifest["flexible"]:
+        if f"motor_position_{j}" not in log:
             continue
-        grid = even(log.time)
-        q = grid.smooth(log[both[1]])
-        rate = grid.rate(q)
-        twist = grid.smooth(log[both[0]] / arm.parameters[f"ratio_{j}"]) - q
-        terms = [rate, grid.rate(rate), np.sign(rate), q, np.ones_like(q)]
-        matrix = np.stack([term / max(float(np.abs(term).max()), 1e-300) for term in terms], 1)
-        delay = float(np.linalg.lstsq(matrix, twist, rcond=1e-9)[0][0] / max(float(np.abs(rate).max()), 1e-300))
-        described = arm.parameters.described[name]
-        if abs(delay) > 0.1 * log.period and described.low <= delay <= described.high:
-            sizes[name] = delay
-    return sizes
+        tau = torque[:, j - 1]
+        theta, read = (np.interp(grid.time, log.time, log[f"{side}_position_{j}"]) for side in ("motor", "joint"))
+        terms = {name: term for name, term in _terms(j, theta, q, v, tau).items() if name in described}
+        loaded = np.abs(tau) > LOADED * float(np.sqrt(np.mean(tau**2)))
+        twist = theta / arm.parameters[f"ratio_{j}"] - read
+        values = _regressed([*terms.values(), tau, tau**3, grid.rate(tau)], twist, loaded)
+        found |= {
+            name: float(np.clip(value, described[name].low, described[name].high))
+            for name, value in zip(terms, values, strict=False)
+        }
+    return found
+
+
+def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Array]:
+    """What a unit of each parameter adds to the motor's angle over the ratio less what the joint's encoder reads."""
+    angle = q[:, j - 1]
+    terms = {
+        f"encoder_bias_{j}": -np.ones_like(angle),
+        f"eccentricity_sine_{j}": -np.sin(angle),
+        f"eccentricity_cosine_{j}": -np.cos(angle),
+        f"sensor_delay_{j}": v[:, j - 1],
+        f"backlash_angle_{j}": 0.5 * np.sign(tau),
+    }
+    for k, word in TURNS:
+        terms[f"kinematic_sine_{word}_{j}"] = -np.sin(k * theta)
+        terms[f"kinematic_cosine_{word}_{j}"] = -np.cos(k * theta)
+    return terms
+
+
+def _regressed(terms: Sequence[Array], measured: Array, rows: Array) -> Array:
+    """Coefficients of ``terms`` that give ``measured`` best in ``rows``."""
+    matrix, sought = np.stack(terms, 1)[rows], measured[rows]
+    scale = np.maximum(np.abs(matrix).max(0), 1e-300)
+    matrix, weight = matrix / scale, np.ones(len(sought))
+    for _ in range(PASSES):
+        found = np.linalg.lstsq(matrix * weight[:, None], sought * weight, rcond=1e-9)[0]
+        left = sought - matrix @ found
+        weight = 1.0 / np.sqrt(1.0 + (left / max(2.0 * float(np.median(np.abs(left))), 1e-300)) ** 2)
+    return np.asarray(found / scale)
 
 
 def _inputs(arm: Arm, record: Record) -> dict[str, float]:
