@@ -149,7 +149,12 @@ int hda_loops_begin(hda_loops *loops, int law, const double *x0, const double *g
     return 0;
 }
 
-static double read_out(double value, double resolution) { return resolution > 0.0 ? nearbyint(value / resolution) * resolution : value; }
+/* Adding 1.5 · 2^52 rounds to the nearest whole number, halves to the even one. */
+static double read_out(double value, double resolution) {
+    if (!(resolution > 0.0)) return value;
+    const double shifted = value / resolution + 6755399441055744.0;
+    return (shifted - 6755399441055744.0) * resolution;
+}
 
 /* The law's memory at its first tick, lane by lane. */
 static void start(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference, const double *known) {
