@@ -173,6 +173,7 @@ def assemble(model: Model) -> Graphs:
         ),
         input_stage.law(model, c),
         *mechanics.kinematics(model, c),
+        mechanics.positions(model, c),
         *mechanics.dynamics(model, c),
     ]
     if model.stiff:

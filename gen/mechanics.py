@@ -64,6 +64,20 @@ def kinematics(model: Model, c: Any) -> list[Emitted]:
     return out
 
 
+def positions(model: Model, c: Any) -> Emitted:
+    """(x, c) -> what encoders of motors and joints show in state x (n each), none read late: all that a log of
+    positions needs of x, at a small part of the cost of `outputs`."""
+    q, v, a = (SX.sym(name, model.n) for name in "qva")
+    angle, _ = readings(model, q, v, a)
+    still = ca.substitute(angle, ca.vertcat(q, v, a), ca.vertcat(model.q, SX.zeros(2 * model.n)))
+    motors = [
+        model.of_joint(j)["ratio"] * model.q[j - 1] if j in model.rigid else model.slot(f"motor_position_{j}")
+        for j in model.joints
+    ]
+    shown = {"motor_position": ca.vertcat(*motors), "joint_position": still}
+    return Emitted(dense("positions", {"x": model.x, "c": c}, shown), "what encoders show that are not read late, rad")
+
+
 def dynamics(model: Model, c: Any) -> list[Emitted]:
     """Mass matrix, Coriolis, gravity, inverse dynamics, energy, outputs."""
     chain, p = model.chain, model.chain_parameters()

@@ -288,10 +288,16 @@ def _constants_before(model: Model, lanes: tuple[Lane, ...], number: int) -> int
 
 
 def batch(graphs: Graphs) -> str:
-    """The right-hand side over vectors of trajectories, as a header that `hda_batch.c` includes."""
-    f = next(f for f in graphs.functions if f.name == "rhs").graph
+    """The right-hand sides over vectors of trajectories, smooth and set-valued, as a header that `hda_batch_step.h`
+    includes."""
+    chosen = [next(f for f in graphs.functions if f.name == name) for name in ("rhs", "rhs_exact")]
+    return BATCH + "".join(_batched(f.graph) for f in chosen)
+
+
+def _batched(f: ca.Function) -> str:
+    """A rate over vectors of trajectories."""
     operation = fast(vector_operation("hda_batch"), "hda_batch")
     lines = body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda _, i: f"rate[{i}]", operation, "hda_batch")
-    arguments = "const hda_batch *x, const hda_batch *u, const hda_batch *c, hda_batch *rate"
+    arguments = ", ".join(f"const hda_batch *{f.name_in(k)}" for k in range(f.n_in()))
     text = "".join(f"    {line}\n" for line in lines)
-    return f"{BATCH}static inline void batch_rhs({arguments}) {{\n{text}}}\n"
+    return f"static inline void batch_{f.name()}({arguments}, hda_batch *rate) {{\n{text}}}\n\n"

@@ -21,6 +21,7 @@ import numpy as np
 
 from hdagen.control import Controller, Guard, Safe
 from hdagen.plant import Arm, Array, PlantError, load
+from hdagen.readings import mechanical
 
 PERIOD = 1e6  # ns, of a loop at 1 kHz
 WHO = ("native", "portable", "casadi_c", "interpreter")
@@ -170,9 +171,13 @@ def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
     """Rollouts and calls, ns a step over rounds; and the bars that rest on them."""
     many, few, h = 8 * arm.module.batch_width, STEPS // 10, arm.step_size
     x0, u = arm.rest(np.full(arm.n, 0.3)), np.zeros((STEPS, arm.nu))
-    u[:, : arm.n] = 0.5 * np.sin(np.arange(STEPS) / 20)[:, None]
+    u[:, : arm.n] = CURRENT * np.sin(np.arange(STEPS) / 20)[:, None]  # the motors slide
     batch = np.empty((many, few + 1, arm.nx))
     starts, inputs, held = np.tile(x0, (many, 1)), np.tile(u[:few], (many, 1, 1)), np.full(few, h)
+    at = np.arange(many) * (STEPS - few) // many  # lanes go over pieces of the one rollout's motion
+    begun, pieces = arm.rollout(x0, u, exact=True)[at][:, : mechanical(arm)].copy(), u[at[:, None] + np.arange(few)]
+    edges, limit, states = np.array([[0, few]], np.int32), np.full(arm.nx, 1e9), np.empty((many, few, arm.nx))
+    own = np.tile(arm.c, (many, 1))
     out, size, first = np.empty(arm.nx), np.array([h]), u[0].copy()
     slopes = [np.empty(k) for k in (arm.nx, arm.nx**2, arm.nx * arm.nu, arm.nx * len(arm.p))]
     call, empty = arm.module.bind("step", x0, first, arm.c, size, out).run, arm.module.empty
@@ -186,6 +191,10 @@ def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
         "arm.rollout": (lambda: arm.rollout(x0, u), STEPS),
         "arm.rollout, set-valued friction": (lambda: arm.rollout(x0, u, exact=True), STEPS),
         "batch": (lambda: arm.module.rollout(2, starts, inputs, arm.c, held, h, many, batch), few * many),
+        "batch, set-valued friction": (
+            lambda: arm.module.windows(begun, edges, pieces, own, held, None, limit, states, h, many),
+            few * many,
+        ),
         "step upon step in C": (loop, STEPS),
         "step with derivatives": (lambda: arm.module.map("step_jacobian", few, x0, u[:few], arm.p, size, *slopes), few),
         "step from Python": (lambda: _repeat(call, STEPS), STEPS),

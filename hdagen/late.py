@@ -8,56 +8,91 @@ Legend: d age of a joint encoder's reading, s; q, q̇ joint angle and speed.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen.plant import Arm, Array
 
 APART = 3.0  # times the usual time between rows, from where rows are not neighbours
 
 
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Rows at ``time`` (T), s; ``begins``: rows at which a path begins that knows nothing of the one before."""
+
+    time: Array
+    begins: Array | None = None
+
+    @cached_property
+    def step(self) -> Array:
+        """Time from each row to the next (T − 1), s."""
+        return np.diff(self.time)
+
+    @cached_property
+    def number(self) -> NDArray[np.intp]:
+        """Which path each row is on (T)."""
+        begin = np.zeros(len(self.time), int)
+        if self.begins is not None:
+            begin[self.begins] = 1
+        return np.cumsum(begin)
+
+    @cached_property
+    def joined(self) -> NDArray[np.bool_]:
+        """Whether each row and the next are neighbours on one path (T − 1)."""
+        return (self.step < APART * np.median(self.step)) & (self.number[1:] == self.number[:-1])
+
+    def before(self, q: Array, rate: Array, d: float) -> Array:
+        """q (T) as it was ``d`` seconds before each row; by its series where no two rows of its path enclose that."""
+        then = self.time - d
+        k = np.clip(np.searchsorted(self.time, then, side="right") - 1, 0, len(self.time) - 2)
+        h = self.step[k]
+        s = (then - self.time[k]) / h
+        left, square = (1 - s) ** 2, s**2
+        cubic = (1 + 2 * s) * left * q[k] + s * left * h * rate[k]
+        cubic += square * (3 - 2 * s) * q[k + 1] + square * (s - 1) * h * rate[k + 1]
+        enclosed = (s >= 0) & (s <= 1) & self.joined[k] & (self.number[k] == self.number)
+        row = np.flatnonzero(~enclosed)
+        k = np.minimum(row, len(self.time) - 2)
+        slope = np.where(self.number[k + 1] == self.number[k], (rate[k + 1] - rate[k]) / self.step[k], 0.0)
+        cubic[row] = q[row] - d * rate[row] + 0.5 * d**2 * slope
+        return cubic
+
+
 def read(arm: Arm, time: Array, x: Array, u: Array, begins: Array | None = None) -> dict[str, Array]:
     """`Arm.outputs` for the states x (T, nx) at ``time`` (T) with what acts there, u (T, nu); joint_position is read as
     late as ``sensor_delay`` says. ``begins``: rows at which a path begins that knows nothing of the one before."""
-    delays = {j: arm.p[k] for k, name in enumerate(arm.parameters.described) if (j := _joint(name))}
-    late = {j: float(d) for j, d in delays.items() if d}
-    if not late:
+    if not _delays(arm):
         return arm.outputs(x, u)
     kept, prompt = arm.p.copy(), arm.p.copy()
     for k, name in enumerate(arm.parameters.described):
-        if _joint(name):
+        if name.startswith("sensor_delay_"):
             prompt[k] = 0.0
     arm._prepare(prompt)
     seen = arm.outputs(x, u)
     arm._prepare(kept)
-    for j, d in late.items():
-        q, rate = x[:, arm.index(f"joint_position_{j}")], x[:, arm.index(f"joint_velocity_{j}")]
-        seen["joint_position"][:, j - 1] += _before(time, q, rate, d, begins) - q
+    _delayed(arm, Path(time, begins), x, seen["joint_position"])
     return seen
 
 
-def _joint(name: str) -> int:
-    """The joint whose encoder's age the parameter is; 0 for any other parameter."""
-    stem, _, joint = name.rpartition("_")
-    return int(joint) if stem == "sensor_delay" else 0
+def positions(arm: Arm, path: Path, x: Array) -> dict[str, Array]:
+    """motor_position and joint_position (T, n) as `read` gives them, for the states x (T, nx) along ``path``."""
+    seen = {name: np.empty((len(x), arm.n)) for name in ("motor_position", "joint_position")}
+    arm.module.map("positions", len(x), np.ascontiguousarray(x), arm.c, *seen.values())
+    _delayed(arm, path, x, seen["joint_position"])
+    return seen
 
 
-def _before(time: Array, q: Array, rate: Array, d: float, begins: Array | None) -> Array:
-    """q (T) as it was ``d`` seconds before each row; by its series where no two rows of its path enclose that."""
-    then, path = time - d, np.zeros(len(time), int)
-    if begins is not None:
-        path[begins] = 1
-        path = np.cumsum(path)
-    k = np.clip(np.searchsorted(time, then, side="right") - 1, 0, len(time) - 2)
-    h = time[k + 1] - time[k]
-    s = (then - time[k]) / h
-    inside = (s >= 0) & (s <= 1) & (h < APART * np.median(np.diff(time))) & (path[k] == path) & (path[k + 1] == path)
-    cubic = (
-        (1 + 2 * s) * (1 - s) ** 2 * q[k]
-        + s * (1 - s) ** 2 * h * rate[k]
-        + s**2 * (3 - 2 * s) * q[k + 1]
-        + s**2 * (s - 1) * h * rate[k + 1]
-    )
-    slope = np.diff(rate) / np.diff(time)
-    after = np.append(slope, slope[-1])
-    after[:-1][path[1:] != path[:-1]] = 0.0
-    return np.where(inside, cubic, q - d * rate + 0.5 * d**2 * after)
+def _delays(arm: Arm) -> dict[int, float]:
+    """Age of the reading of each joint's encoder, s, where it has one."""
+    aged = [j for j in range(1, arm.n + 1) if f"sensor_delay_{j}" in arm.parameters]
+    return {j: d for j in aged if (d := arm.parameters[f"sensor_delay_{j}"])}
+
+
+def _delayed(arm: Arm, path: Path, x: Array, angle: Array) -> None:
+    """Make readings ``angle`` (T, n) of the joints' encoders as old as they are, in place."""
+    for j, d in _delays(arm).items():
+        q, rate = (x[:, arm.index(f"joint_{what}_{j}")] for what in ("position", "velocity"))
+        angle[:, j - 1] += path.before(q, rate, d) - q

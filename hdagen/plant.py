@@ -228,30 +228,37 @@ class Arm:
         self, x0: ArrayLike, u: ArrayLike, dt: ArrayLike | None = None, exact: bool = False, most: float | None = None
     ) -> Array:
         """States over time ((T + 1, nx), the first is x0) with row k of u (T, nu) held for dt[k] seconds (one number:
-        for all rows; default: the robot's step), integrated in steps of at most ``most`` (default: the robot's
-        step)."""
+        for all rows; default: the robot's step), in steps of at most ``most`` (default: the robot's step)."""
         inputs = self._inputs(u)
-        times = self._times(dt, inputs.shape[0])
-        x = np.empty((inputs.shape[0] + 1, self.nx))
+        times, x = self._times(dt, len(inputs)), np.empty((len(inputs) + 1, self.nx))
         self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._size(most), 1, x)
         return x
 
     def windows(
-        self, begun: ArrayLike, edges: ArrayLike, u: Array, dt: Array, most: float, limit: Array, jump: Array | None
+        self,
+        begun: ArrayLike,
+        edges: ArrayLike,
+        u: ArrayLike,
+        dt: ArrayLike,
+        most: float,
+        limit: Array,
+        jump: Array | None = None,
+        c: Array | None = None,
+        out: Array | None = None,
     ) -> Array:
-        """States (R, nx) in the rows of windows that each begin anew, set-valued friction.
-
-        Window w is the rows edges[w] = (first, end) of u (T, nu) and begins with the positions and velocities
-        ``begun[w]`` and with the effects' own states as the window before left them (0 where it ended elsewhere).
-        ``jump`` (T, nx) is added to the state in each row. Where |x| would leave ``limit`` (nx) the window stays.
+        """States (R, nx) in the rows of windows that each begin anew, set-valued friction. Window w is the rows
+        edges[w] = (first, end) of u (T, nu) and begins with the positions and velocities ``begun[w]`` (m) and with the
+        effects' own states as the window before left them (0 where it ended elsewhere). ``jump`` (T, nx) is added to
+        the state in each row. Where |x| would leave ``limit`` (nx) the window stays. With ``c`` (L, nc), constants of L
+        lanes: begun (L, W, m), u (L, T, nu), jump (L, T, nx) -> (L, R, nx). ``out``: memory for the result.
         """
-        first = np.ascontiguousarray(begun, float)
-        rows = np.ascontiguousarray(edges, np.int32)
-        added = np.zeros((len(u), self.nx)) if jump is None else np.ascontiguousarray(jump, float)
-        x = np.empty((int((rows[:, 1] - rows[:, 0]).sum()), self.nx))
-        times = np.ascontiguousarray(dt, float)
-        self.module.windows(first, rows, np.ascontiguousarray(u), self.c, times, added, limit, x, self._size(most))
-        return x
+        rows, count = np.ascontiguousarray(edges, np.int32), 1 if c is None else len(c)
+        x = np.empty((count, int(np.diff(rows).sum()), self.nx)) if out is None else out
+        given = (u, self.c if c is None else c, dt, jump)
+        inputs, used, times, added = (a if a is None else np.ascontiguousarray(a, float) for a in given)
+        first, size = _finite(begun, "begun"), self._size(most)
+        self.module.windows(first, rows, inputs, used, times, added, limit, x, size, count)
+        return x[0] if c is None else x
 
     def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
         """What the input effects (delay, saturation, sag, lag) make of commands.
@@ -313,14 +320,10 @@ class Arm:
         load = self.evaluate("gravity_torque", q=joint)["g"] if torque is None else _vector(torque, self.n, "torque")
         twist = self.evaluate("torsion", joint_torque=load)["torsion"]
         x = np.zeros(self.nx)
-        for j in range(1, self.n + 1):
-            x[self.index(f"joint_position_{j}")] = joint[j - 1]
-            if j in self.manifest["flexible"]:
-                x[self.index(f"motor_position_{j}")] = (joint[j - 1] + twist[j - 1]) * self.parameters[f"ratio_{j}"]
-        for j in self.manifest["flexible"] * 3:  # angles that effects add to the torsion, which hardly depend on it
+        x[[self.index(f"joint_position_{j}") for j in range(1, self.n + 1)]] = joint
+        for j in self.manifest["flexible"] * 4:  # the last times for angles that effects add to the torsion
             off = self.outputs(x, np.zeros(self.nu))["torsion"][j - 1] - twist[j - 1]
-            if abs(off) > 1e-12:
-                x[self.index(f"motor_position_{j}")] -= off * self.parameters[f"ratio_{j}"]
+            x[self.index(f"motor_position_{j}")] -= off * self.parameters[f"ratio_{j}"] * (abs(off) > 1e-12)
         return x
 
     # -- checks -----------------------------------------------------------------------------------------------------

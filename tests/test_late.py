@@ -64,3 +64,26 @@ def test_without_a_delay_nothing_changes(arm: Arm) -> None:
     x, u = ringing(arm, time), np.zeros((20, arm.nu))
     for name, values in arm.outputs(x, u).items():
         assert np.array_equal(late.read(arm, time, x, u)[name], values)
+
+
+@pytest.mark.parametrize("delays", [(0.0, 0.0), (2e-3, 0.0), (-1e-3, 4e-4)])
+@pytest.mark.parametrize("profile", ["portable", "native"])
+def test_positions_alone_are_read_as_with_everything_else(
+    build: Builder, profile: str, delays: tuple[float, float]
+) -> None:
+    """Through every effect of an encoder, and where the drive is rigid."""
+    effects = ("sensor_delay", "encoder_bias", "encoder_eccentricity")
+    arm = Arm(build(text("RR", rigid="fr"), profile, effects=effects).folder)
+    time = np.concatenate([PERIOD * np.arange(60), 1.0 + PERIOD * np.arange(40)])
+    x, u, begins = ringing(arm, time), np.zeros((100, arm.nu)), np.array([0, 30, 60])
+    x[:, arm.index("motor_position_1")] = 100.0 * np.cos(3 * time)
+    for j, delay in enumerate(delays, 1):
+        arm.parameters.update(
+            {f"sensor_delay_{j}": delay, f"encoder_bias_{j}": 0.1 * j, f"eccentricity_sine_{j}": 0.02}
+        )
+    seen, all_of_it = late.positions(arm, late.Path(time, begins), x), late.read(arm, time, x, u, begins)
+    assert set(seen) == {"motor_position", "joint_position"}
+    for name, values in seen.items():
+        np.testing.assert_allclose(values, all_of_it[name], rtol=0, atol=1e-14 * np.abs(values).max())
+    truth = x[:, [arm.index(f"joint_position_{j}") for j in (1, 2)]]
+    assert (np.abs(seen["joint_position"] - truth) > 0.05).all()

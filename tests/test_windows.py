@@ -31,7 +31,7 @@ def test_windows_are_the_rollouts_that_they_stand_for(build: Builder, profile: s
     jump = np.zeros((120, len(arm.states)))
     jump[[10, 95], 6] = 0.01
     x = np.empty((110, len(arm.states)))
-    arm.module.windows(np.ascontiguousarray(begun), edges, u, c, dt, jump, np.full(len(arm.states), 1e9), x, 5e-4)
+    arm.module.windows(np.ascontiguousarray(begun), edges, u, c, dt, jump, np.full(len(arm.states), 1e9), x, 5e-4, 1)
     at, hidden = 0, np.zeros(len(arm.states) - 8)
     for w, (first, end) in enumerate(edges):
         state = np.concatenate([begun[w], hidden if w == 1 else np.zeros(len(arm.states) - 8)])
@@ -50,10 +50,7 @@ def test_a_window_stays_where_it_reaches_its_limit(build: Builder) -> None:
     limit[4] = 0.1  # rad/s of motor 1
     x = np.empty((50, len(arm.states)))
     edges = np.array([[0, 50]], np.int32)
-    zero = np.zeros((1, 8))
-    arm.module.windows(
-        zero, edges, u, arm.prepare(), np.full(50, 1e-3), np.zeros((50, len(arm.states))), limit, x, 5e-4
-    )
+    arm.module.windows(np.zeros((1, 8)), edges, u, arm.prepare(), np.full(50, 1e-3), None, limit, x, 5e-4, 1)
     assert np.abs(x[:, 4]).max() <= 0.1
     assert np.array_equal(x[-1], x[-2]) and np.abs(x[-1, 4]) > 0
 
@@ -73,4 +70,16 @@ def test_edges_that_are_none_are_refused(build: Builder, edges: list[list[int]])
             np.full(len(arm.states), 1e9),
             np.empty((rows, len(arm.states))),
             5e-4,
+            1,
         )
+
+
+@pytest.mark.parametrize(
+    "count, words", [(0, "count at least 1"), (2, "begun must have 16"), (2**60, "larger than any")]
+)
+def test_a_number_of_lanes_that_is_none_is_refused(build: Builder, count: int, words: str) -> None:
+    arm = build("paper")
+    held, limit, x = np.full(50, 1e-3), np.full(8, 1e9), np.empty((50, 8))
+    given = (np.zeros((1, 8)), np.array([[0, 50]], np.int32), motion(arm, 50), arm.prepare(), held, None, limit, x)
+    with pytest.raises(ValueError, match=words):
+        arm.module.windows(*given, 5e-4, count)

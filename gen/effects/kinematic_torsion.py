@@ -23,10 +23,10 @@ EFFECT = Effect(
     name="kinematic_torsion",
     port=Port.TORSION,
     parameters=tuple(
-        Parameter(name, "rad", 0.0, -0.1, 0.1, "coefficient over a turn of the output", typical=5e-3) for name in NAMES
+        Parameter(name, "rad", 0.0, -0.1, 0.1, "coefficient over a turn of the output", typical=5e-4) for name in NAMES
     ),
     amplitudes=NAMES,
     equation=angle,
-    citation="paper (13), Fig. 14, with the size of its coefficients",
+    citation="paper (13), Fig. 14; size: 1 arcmin from peak to peak, Harmonic Drive, CSG/CSF catalogue (2018)",
     rigid=False,
 )

@@ -1,30 +1,18 @@
 /* Rollouts of many trajectories at once, HDA_BATCH_WIDTH of them in the lanes of a vector. */
 #include "hda.h"
-
-#include <math.h>
-#include <string.h>
+#include "hda_parts.h"
 
 #if HDA_LANES && !HDA_STIFF
 
-#include "hda_batch_rhs.h"
+#include "hda_batch_step.h"
 
 /* One row of all lanes: load the inputs, step, store. */
 static void advance(const double *const *u, const hda_batch *c, double h, long steps, hda_batch *x, double *const *out) {
-    hda_batch in[HDA_NU], k[HDA_NX], y[HDA_NX], from[HDA_NX];
-    const double reach[4] = {0.5 * h, 0.5 * h, h, 0.0}, weight[4] = {h / 6.0, h / 3.0, h / 3.0, h / 6.0};
+    hda_batch in[HDA_NU];
 #define INPUT(lane) u[lane][i]
     for (int i = 0; i < HDA_NU; i++) in[i] = (hda_batch)HDA_BATCH_OF(INPUT);
 #undef INPUT
-    for (long step = 0; step < steps; step++) {
-        for (int i = 0; i < HDA_NX; i++) from[i] = x[i];
-        for (int stage = 0; stage < 4; stage++) { /* slopes stay in registers: each is used up before the next */
-            batch_rhs(stage ? y : from, in, c, k);
-            for (int i = 0; i < HDA_NX; i++) {
-                y[i] = from[i] + reach[stage] * k[i];
-                x[i] += weight[stage] * k[i];
-            }
-        }
-    }
+    for (long step = 0; step < steps; step++) batch_step(x, in, NULL, c, h);
     for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
         for (int i = 0; i < HDA_NX; i++) out[lane][i] = x[i][lane];
     }
@@ -45,8 +33,7 @@ static void group(const double *x0, const double *u, const double *c, const doub
         for (int i = 0; i < HDA_NX; i++) to[lane][i] = x[i][lane];
     }
     for (long k = 0; k < rows; k++) {
-        const double want = dt[k] / most;
-        const long steps = want > 1.0 && want < 1e6 ? (long)ceil(want - 1e-9) : 1;
+        const long steps = hda_parts(dt[k], most);
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) to[lane] += HDA_NX;
         advance(in, constants, dt[k] / (double)steps, steps, x, to);
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) in[lane] += HDA_NU;

@@ -265,17 +265,19 @@ static PyObject *rollout(PyObject *module, PyObject *const *args, Py_ssize_t cou
     return none();
 }
 
-/* windows(begun, edges, u, c, dt, jump, limit, x, most): windows that each begin anew, set-valued friction */
+/* windows(begun, edges, u, c, dt, jump, limit, x, most, count): windows that each begin anew, set-valued friction, in `count` lanes
+ * with their own begun, u, c, jump and x; jump may be None */
 static PyObject *windows(PyObject *module, PyObject *const *args, Py_ssize_t count) {
     (void)module;
-    if (count != 9) {
-        PyErr_SetString(PyExc_TypeError, "windows takes (begun, edges, u, c, dt, jump, limit, x, most)");
+    if (count != 10) {
+        PyErr_SetString(PyExc_TypeError, "windows takes (begun, edges, u, c, dt, jump, limit, x, most, count)");
         return NULL;
     }
     const double most = PyFloat_AsDouble(args[8]);
+    const long lanes = PyLong_AsLong(args[9]);
     if (PyErr_Occurred()) return NULL;
-    if (!(most > 0.0)) {
-        PyErr_SetString(PyExc_ValueError, "windows: the longest step must be above 0");
+    if (!(most > 0.0) || lanes < 1) {
+        PyErr_SetString(PyExc_ValueError, "windows: the longest step must be above 0, count at least 1");
         return NULL;
     }
     Py_buffer sized[2];
@@ -294,28 +296,30 @@ static PyObject *windows(PyObject *module, PyObject *const *args, Py_ssize_t cou
     }
     PyBuffer_Release(&sized[0]);
     PyBuffer_Release(&sized[1]);
-    if (!right) {
-        PyErr_SetString(PyExc_ValueError, "windows: edges must be rows [first, end) in rising order within those of dt");
+    if (!right || lanes > LONG_MAX / 8 / (rows + 1) / (HDA_NX + HDA_NU + HDA_NC)) { /* the lengths below would overflow */
+        PyErr_SetString(PyExc_ValueError, right ? "windows: count is larger than any array can be" : "windows: edges must be rows [first, end) in rising order within those of dt");
         return NULL;
     }
-    hda_entry e = {"windows", 8, NULL, {
-        {"begun", 'd', many * HDA_MECHANICAL, 0},
+    const int jumps = args[5] != &_Py_NoneStruct;
+    hda_entry e = {"windows", 7 + jumps, NULL, {
+        {"begun", 'd', lanes * many * HDA_MECHANICAL, 0},
         {"edges", 'i', many * 2, 0},
-        {"u", 'd', rows * HDA_NU, 0},
-        {"c", 'd', HDA_NC, 0},
+        {"u", 'd', lanes * rows * HDA_NU, 0},
+        {"c", 'd', lanes * HDA_NC, 0},
         {"dt", 'd', rows, 0},
-        {"jump", 'd', rows * HDA_NX, 0},
         {"limit", 'd', HDA_NX, 0},
-        {"x", 'd', within * HDA_NX, 1},
+        {"x", 'd', lanes * within * HDA_NX, 1},
+        {"jump", 'd', lanes * rows * HDA_NX, 0},
     }};
+    PyObject *given[8] = {args[0], args[1], args[2], args[3], args[4], args[6], args[7], args[5]};
     Py_buffer views[MOST];
     void *at[MOST];
     Py_ssize_t stride[MOST];
-    if (!take(&e, args, 8, 1, views, at, stride)) return NULL;
+    if (!take(&e, given, 7 + jumps, 1, views, at, stride)) return NULL;
     void *thread = PyEval_SaveThread();
-    hda_rollout_windows(at[0], at[1], many, at[2], at[3], at[4], most, at[5], at[6], at[7]);
+    hda_rollout_windows_batch(at[0], at[1], many, at[2], at[3], at[4], rows, most, jumps ? at[7] : NULL, at[5], lanes, at[6]);
     PyEval_RestoreThread(thread);
-    for (int k = 0; k < 8; k++) PyBuffer_Release(&views[k]);
+    for (int k = 0; k < 7 + jumps; k++) PyBuffer_Release(&views[k]);
     return none();
 }
 
@@ -359,7 +363,7 @@ static PyMethodDef methods[] = {
     {"bind", (void (*)(void))bind, FASTCALL, "bind(name, *arrays): a function bound to its arrays."},
     {"map", (void (*)(void))map, FASTCALL, "map(name, rows, *arrays): the function on every row."},
     {"rollout", (void (*)(void))rollout, FASTCALL, "rollout(kind, x0, u, c, dt, most, count, x): simulate over time."},
-    {"windows", (void (*)(void))windows, FASTCALL, "windows(begun, edges, u, c, dt, jump, limit, x, most): windows that begin anew."},
+    {"windows", (void (*)(void))windows, FASTCALL, "windows(begun, edges, u, c, dt, jump, limit, x, most, count): windows that begin anew."},
     {"sentence", (void (*)(void))sentence, FASTCALL, "sentence(status): what a controller's status means."},
     {"length", (void (*)(void))length, FASTCALL, "length(name, array): entries that bind() expects."},
     {"empty", (void (*)(void))empty, NOARGS, "empty(): nothing, to time a call."},

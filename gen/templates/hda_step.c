@@ -4,6 +4,7 @@
  * Nothing here allocates; every loop is bounded.
  */
 #include "hda.h"
+#include "hda_parts.h"
 #include "hda_sliding.h"
 
 #include <math.h>
@@ -262,8 +263,7 @@ static void roll(const double *x0, const double *u, const double *c, const doubl
     for (long k = 0; k < rows; k++) {
         const double *from = x + k * HDA_NX;
         double *to = x + (k + 1) * HDA_NX;
-        const double want = dt[k] / most;
-        const long steps = want > 1.0 && want < 1e6 ? (long)ceil(want - 1e-9) : 1;
+        const long steps = hda_parts(dt[k], most);
         const double h = dt[k] / (double)steps;
         for (long step = 0; step < steps; step++, from = to) {
             if (set_valued) {
@@ -281,30 +281,4 @@ void hda_rollout(const double *x0, const double *u, const double *c, const doubl
 
 void hda_rollout_exact(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, double *x) {
     roll(x0, u, c, dt, rows, most, 1, x);
-}
-
-/* ---- windows that each begin anew ---- */
-
-static int allowed(const double *x, const double *limit) {
-    for (int i = 0; i < HDA_NX; i++) {
-        if (!(fabs(x[i]) <= limit[i])) return 0;
-    }
-    return 1;
-}
-
-void hda_rollout_windows(const double *begun, const int *edges, long windows, const double *u, const double *c, const double *dt,
-                         double most, const double *jump, const double *limit, double *x) {
-    double now[HDA_NX] = {0.0}, path[2 * HDA_NX];
-    for (long w = 0; w < windows; w++) {
-        if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
-        memcpy(now, begun + w * HDA_MECHANICAL, HDA_MECHANICAL * sizeof *now);
-        int good = 1;
-        for (long k = edges[2 * w]; k < edges[2 * w + 1]; k++, x += HDA_NX) {
-            for (int i = 0; i < HDA_NX; i++) x[i] = now[i] + (good ? jump[k * HDA_NX + i] : 0.0);
-            if (!good) continue;
-            roll(x, u + k * HDA_NU, c, dt + k, 1, most, 1, path);
-            good = allowed(path + HDA_NX, limit);
-            memcpy(now, good ? path + HDA_NX : x, sizeof now);
-        }
-    }
 }

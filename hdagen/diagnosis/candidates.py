@@ -101,8 +101,13 @@ class Dictionary:
         return np.array([c for c, column in enumerate(self.columns) if column.atom in atoms], int)
 
     def theta(self, p: Array) -> Array:
-        """The parameters p in usual sizes (P)."""
-        return np.array([(p[c.index] - c.center) / c.unit for c in self.columns])
+        """The parameters p in usual sizes (P); where several atoms share one, it is that of the widest alone."""
+        widest: dict[str, int] = {}
+        for k, c in enumerate(self.columns):
+            if c.parameter not in widest or c.spike > self.columns[widest[c.parameter]].spike:
+                widest[c.parameter] = k
+        own = set(widest.values())
+        return np.array([(p[c.index] - c.center) / c.unit if k in own else 0.0 for k, c in enumerate(self.columns)])
 
     @property
     def base(self) -> Dictionary:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from hdagen.diagnosis.candidates import ORDER, SLAB, Atom, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, predicted
-from hdagen.diagnosis.evidence import settled
+from hdagen.diagnosis.evidence import Scored, settled
 from hdagen.diagnosis.shooting import THREADS, Lane
 from hdagen.plant import Array
 
@@ -31,11 +31,14 @@ class Start:
     gain: float
 
 
-def scan(at: Design, words: Dictionary, lead: tuple[int, ...] = ()) -> dict[int, Start]:
-    """The best start of each atom that is no sum of a sine and a cosine, about the point of ``at``, with the atoms
-    ``lead`` free as they are there."""
-    kept = tuple(replace(c, spike=SLAB) if c.atom in lead else c for c in words.columns if c.base or c.atom in lead)
-    base = chosen(at, Dictionary(words.atoms, kept, frozenset(words.atoms[k].name for k in lead)))
+def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int, Start]:
+    """The best start of each atom that is no sum of a sine and a cosine, about the point of ``at``, with the base
+    parameters refitted; about a ``lead`` that stands where it was fitted with everything that it has moved too, as that
+    may stand where it does in place of the atom."""
+    if lead is None:
+        base, sizes = chosen(at, words.base), TORQUES
+    else:
+        base, sizes = chosen(at, words.focused(lead.atoms)), (lead.at.s,)
     meant = base.words.meant
     tried = [
         (k, point)
@@ -44,12 +47,18 @@ def scan(at: Design, words: Dictionary, lead: tuple[int, ...] = ()) -> dict[int,
         for point in _displaced(at, words, k, atom)
     ]
     seen = predicted(at.shooting, [Lane(point.p, point.begun) for _, point in tried])
-    none = _evidence(base)
+
+    def evidence(design: Design, *free: int) -> float:
+        linear, spike = design.linear(), base.words.spike
+        amplitudes = {name for k in (*free, *(lead.atoms if lead else ())) for name in words.atoms[k].amplitudes}
+        spike[[i for i, c in enumerate(base.words.columns) if c.parameter in amplitudes and c.atom >= 0]] = SLAB
+        return max(settled(linear, spike, s).evidence for s in sizes)
 
     def judged(one: tuple[tuple[int, Point], Array]) -> float:
-        (_, point), read = one
-        return _evidence(base.seen(point, read)) - none
+        (k, point), read = one
+        return evidence(base.seen(point, read), *(k,) * (lead is not None)) - none
 
+    none = evidence(base)
     with ThreadPoolExecutor(THREADS) as pool:
         gains = list(pool.map(judged, zip(tried, seen, strict=True)))
     found: dict[int, Start] = {}
@@ -86,8 +95,3 @@ def _put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
     if atom.place == "sensor":  # the windows begin where the encoders say
         begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
     return Point(p, begun)
-
-
-def _evidence(base: Design) -> float:
-    linear, spike = base.linear(), base.words.spike
-    return max(settled(linear, spike, s).evidence for s in TORQUES)

@@ -19,7 +19,7 @@ from hdagen.diagnosis.starts import suggested
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
-WORTH = 4.0  # temperatures of log evidence that a further effect must promise to be fitted
+WORTH = 3.0  # temperatures of log evidence that a further effect must promise to be fitted
 LONGEST = 3  # further rounds at most, each for another temperature of log evidence
 SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
@@ -47,6 +47,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     at = design(shooting, words, first(shooting, words))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
     screened = score(posteriors(at.linear(), words.spike), words, singles)
+    at.gram.kept.clear()
     starts = scan(at, words)
     none = next(s for s in screened if not s.atoms)
     field = [
@@ -102,13 +103,14 @@ def _promising(
 
 
 def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fitted]:
-    """All of ``field`` fitted, round after round, those that trail far behind not to the end; the best first."""
+    """All of ``field``, which is used up, fitted, round after round, those that trail far behind not to the end; the
+    best first."""
     out: list[Fitted] = []
     for number in range(1, len(sizes) + 1):
-        moved = []
-        for f in field:
-            say(f"fitting {' + '.join(f.names) or 'none'}, round {number} of {len(sizes)}")
-            moved.append(advanced(f, words))
+        moved: list[Fitted] = []
+        while field:  # one at a time is replaced: all before and after their step would fill the memory
+            say(f"fitting {' + '.join(field[0].names) or 'none'}, round {number} of {len(sizes)}")
+            moved.append(advanced(field.pop(0), words))
         moved, after = _ordered(moved), sizes[number] if number < len(sizes) else len(moved)
         none = next((f.score.evidence for f in moved if not f.atoms), None)
         least = -np.inf if none is None else none + TRAILING * (moved[0].score.evidence - none)
@@ -141,7 +143,7 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     others = [k for k in range(len(words.atoms)) if words.atoms[k].name not in full.words.meant]
     hypotheses = [lead.atoms, *((*lead.atoms, k) for k in others)]
     scored = score(posteriors(full.linear(), full.words.spike, lead.score.at.s), full.words, hypotheses)
-    starts = {} if _clean(lead) else scan(full, full.words, lead.atoms)
+    starts = {} if _clean(lead) else scan(full, full.words, lead.score)
     return _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.temperature)
 
 

@@ -1,16 +1,19 @@
 """Shooting: what the model predicts in every window, and how that changes with each parameter, first state and torque.
 
 A lane is one simulation of all windows. Derivatives are differences of lanes: dry friction sticks exactly, so a
-difference over the size that matters is wanted, not a slope at a point. Lanes run side by side in threads; the compiled
-rollout lets go of the interpreter.
+difference over the size that matters is wanted, not a slope at a point. Lanes run side by side, as many as a vector of
+the library has, and such groups in threads; the compiled rollout lets go of the interpreter.
 
-Legend: T rows, R rows in windows, W windows, M channels, m positions and velocities of the state.
+Legend: T rows, R rows in windows, W windows, M channels, L lanes that run at once, m positions and velocities of the
+state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from queue import SimpleQueue
@@ -24,6 +27,9 @@ from hdagen.readings import full_torsion, limits, mechanical, unread
 
 THREADS = 2
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
+MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
+FEW = 2  # lanes that are faster one by one than in a vector
+PROMPT = {"motor_current", "motor_position", "joint_position"}  # what is read of positions and inputs alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +43,29 @@ class Lane:
     impulse: Array | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Seat:
+    """What one thread works with: an arm, and memory for L lanes. ``inputs`` (L, T, nu): what acts from each row to
+    the next; ``shown`` (L, T, n): what a current sensor reads in each row; ``constants`` (L, nc); states ``x``
+    (L, R, nx)."""
+
+    arm: Arm
+    inputs: Array
+    shown: Array
+    constants: Array
+    x: Array
+
+    @classmethod
+    def of(cls, arm: Arm, record: Record) -> Seat:
+        """With an arm of its own and new memory, in which the record's forces at the tip stand."""
+        rows, within = len(record.time), len(record.rows)
+        shapes = ((rows, arm.nu), (rows, arm.n), arm.c.shape, (within, arm.nx))
+        lanes = min(arm.module.batch_width, max(1, MEMORY // (8 * sum(map(math.prod, shapes)))))
+        seat = cls(Arm(arm.folder), *(np.empty((lanes, *shape)) for shape in shapes))
+        seat.inputs[..., arm.n :] = record.command[:, arm.n :]
+        return seat
+
+
 @dataclass(eq=False)
 class Shooting:
     """All lanes of one record on one model."""
@@ -44,18 +73,25 @@ class Shooting:
     arm: Arm
     record: Record
     most: float = 1e-3  # s, a step of integration
-    arms: SimpleQueue[Arm] = field(init=False)
+    seats: SimpleQueue[Seat] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.arms = SimpleQueue()
-        for _ in range(THREADS):
-            self.arms.put(Arm(self.arm.folder))
         self.m = mechanical(self.arm)
-        self.rows = self.record.rows
-        self.steps = self.record.steps
+        self.rows, self.edges, self.steps = self.record.rows, self.record.edges, self.record.steps
+        whole = self.rows[-1] - self.rows[0] + 1 == len(self.rows)  # no row between windows
+        self.within = slice(self.rows[0], self.rows[-1] + 1) if whole else self.rows
+        self.command = np.ascontiguousarray(self.record.command[:, : self.arm.n])
+        self.seats = SimpleQueue()
+        for _ in range(THREADS):
+            self.seats.put(seat := Seat.of(self.arm, self.record))
+        self.width = len(seat.x)
         self.begins = np.concatenate([[0], np.cumsum(self.record.ends - self.record.starts)[:-1]])
+        self.path = late.Path(self.record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
         self.limit = limits(self.arm)
+        described = self.arm.parameters.described
+        gains = [described.get(f"torque_constant_{j}") for j in range(1, self.arm.n + 1)]
+        self.gains = np.array([gain.nominal if gain else 1.0 for gain in gains])  # N m of a unit of the input
         self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
 
     def predict(self, lane: Lane) -> Array:
@@ -64,16 +100,18 @@ class Shooting:
 
     def all(self, lanes: Sequence[Lane]) -> list[Array]:
         """What the channels read (R, M) in each lane."""
+        order = sorted(range(len(lanes)), key=lambda k: lanes[k].impulse is not None)  # those with impulses together
+        most = 1 if len(lanes) <= FEW else self.width
+        groups = [g.tolist() for g in np.array_split(order, -(-len(lanes) // most))] if lanes else []
         with ThreadPoolExecutor(THREADS) as pool:
-            return list(pool.map(self._run, lanes))
+            seen = list(pool.map(lambda group: self._run([lanes[k] for k in group]), groups))
+        found = dict(zip(order, (one for group in seen for one in group), strict=True))
+        return [found[k] for k in range(len(lanes))]
 
     def states(self, lane: Lane) -> Array:
         """The states (R, nx) of one lane."""
-        arm = self.arms.get()
-        try:
-            return self._roll(arm, lane, self._inputs(arm, lane)[0])
-        finally:
-            self.arms.put(arm)
+        with self._seat() as seat:
+            return self._states(seat, [lane])[0].copy()
 
     def begun(self, p: Array) -> Array:
         """First states (W, m) as measured by sensors of parameters ``p``, no spring twisted further than it bears."""
@@ -92,39 +130,49 @@ class Shooting:
         p = self.arm.p.copy()
         return p, self.begun(p)
 
-    def _run(self, lane: Lane) -> Array:
-        arm = self.arms.get()
+    @contextmanager
+    def _seat(self) -> Iterator[Seat]:
+        """One that no other thread uses meanwhile."""
+        seat = self.seats.get()
         try:
-            inputs, at = self._inputs(arm, lane)
-            states = self._roll(arm, lane, inputs)
-            seen = late.read(arm, self.record.time[self.rows], states, inputs[self.rows], self.begins)
+            yield seat
         finally:
-            self.arms.put(arm)
-        columns = [at[self.rows, j - 1] if q == "motor_current" else seen[q][:, j - 1] for q, j in self.record.outputs]
-        return np.stack(columns, 1)
+            self.seats.put(seat)
 
-    def _inputs(self, arm: Arm, lane: Lane) -> tuple[Array, Array]:
-        """What acts from each row to the next (T, nu), and what a current sensor reads in each row (T, n)."""
+    def _run(self, lanes: Sequence[Lane]) -> list[Array]:
+        """What the channels read (R, M) in each of the lanes of a group."""
+        with self._seat() as seat:
+            x = self._states(seat, lanes)
+            return [self._read(seat, k, lane, x[k]) for k, lane in enumerate(lanes)]
+
+    def _states(self, seat: Seat, lanes: Sequence[Lane]) -> Array:
+        """The states (L, R, nx), the effects' own carried from window to window."""
+        jump, many = None, len(lanes)
+        for k, lane in enumerate(lanes):
+            self._inputs(seat, k, lane)
+            if lane.impulse is not None:
+                jump = np.zeros((many, len(self.steps), seat.arm.nx)) if jump is None else jump
+                jump[k][:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
+        begun, c, x = np.stack([lane.begun for lane in lanes]), seat.constants[:many], seat.x[:many]
+        return seat.arm.windows(begun, self.edges, seat.inputs[:many], self.steps, self.most, self.limit, jump, c, x)
+
+    def _inputs(self, seat: Seat, k: int, lane: Lane) -> None:
+        """Lane k's inputs and constants."""
+        arm, n = seat.arm, seat.arm.n
         arm._prepare(lane.p)
-        n = arm.n
-        inputs = self.record.command.copy()
-        if hasattr(arm, "acting"):
-            inputs[:, :n], at = arm.acting(self.record.command[:, :n], self.steps, self.record.before)
-        else:
-            at = np.concatenate([self.record.before[None], inputs[:-1, :n]])
-        if lane.torque is not None:
-            for j in range(1, n + 1):
-                gain = arm.parameters.described.get(f"torque_constant_{j}")
-                inputs[:, j - 1] += lane.torque[:, j - 1] / (gain.nominal if gain else 1.0)
-        return inputs, at
+        seat.constants[k] = arm.c
+        acting, seat.shown[k] = arm.acting(self.command, self.steps, self.record.before)
+        seat.inputs[k, :, :n] = acting if lane.torque is None else acting + lane.torque / self.gains
 
-    def _roll(self, arm: Arm, lane: Lane, inputs: Array) -> Array:
-        """The states (R, nx), the effects' own carried from window to window."""
-        jump = None
-        if lane.impulse is not None:
-            jump = np.zeros((len(self.record.time), arm.nx))
-            jump[:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
-        return arm.windows(lane.begun, self.record.edges, inputs, self.steps, self.most, self.limit, jump)
+    def _read(self, seat: Seat, k: int, lane: Lane, x: Array) -> Array:
+        """What the channels read (R, M) in lane k, which is in the states ``x`` (R, nx)."""
+        seat.arm._prepare(lane.p)
+        if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
+            seen = late.positions(seat.arm, self.path, x)
+        else:
+            seen = late.read(seat.arm, self.path.time, x, seat.inputs[k][self.within], self.begins)
+        seen["motor_current"] = seat.shown[k][self.within]
+        return np.stack([seen[quantity][:, j - 1] for quantity, j in self.record.outputs], 1)
 
     @cached_property
     def mobility(self) -> Array:

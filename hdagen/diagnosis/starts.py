@@ -105,7 +105,7 @@ def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Ar
     return terms
 
 
-def _regressed(terms: Sequence[Array], measured: Array, rows: Array) -> Array:
+def _regressed(terms: Sequence[Array], measured: Array, rows: np.ndarray) -> Array:
     """Coefficients of ``terms`` that give ``measured`` best in ``rows``."""
     matrix, sought = np.stack(terms, 1)[rows], measured[rows]
     scale = np.maximum(np.abs(matrix).max(0), 1e-300)

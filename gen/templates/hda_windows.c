@@ -1,0 +1,164 @@
+/* Rollouts of windows that each begin anew, set-valued friction: one lane, or HDA_BATCH_WIDTH lanes in those of a vector.
+ *
+ * A lane is a simulation of all windows. In vectors all lanes take the plain step, in which every motor slides as it began to; a
+ * lane of which a motor rests at the beginning, or has stopped or turned back by the end, takes hda_step_exact instead; so do all
+ * where no more than a few slide.
+ */
+#include "hda.h"
+#include "hda_parts.h"
+
+#include <string.h>
+
+static int allowed(const double *x, const double *limit) {
+    for (int i = 0; i < HDA_NX; i++) {
+        if (!(fabs(x[i]) <= limit[i])) return 0;
+    }
+    return 1;
+}
+
+void hda_rollout_windows(const double *begun, const int *edges, long windows, const double *u, const double *c, const double *dt,
+                         double most, const double *jump, const double *limit, double *x) {
+    double now[HDA_NX] = {0.0}, path[2 * HDA_NX];
+    for (long w = 0; w < windows; w++) {
+        if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
+        memcpy(now, begun + w * HDA_MECHANICAL, HDA_MECHANICAL * sizeof *now);
+        int good = 1;
+        for (long k = edges[2 * w]; k < edges[2 * w + 1]; k++, x += HDA_NX) {
+            for (int i = 0; i < HDA_NX; i++) x[i] = now[i] + (good && jump ? jump[k * HDA_NX + i] : 0.0);
+            if (!good) continue;
+            hda_rollout_exact(x, u + k * HDA_NU, c, dt + k, 1, most, path);
+            good = allowed(path + HDA_NX, limit);
+            memcpy(now, good ? path + HDA_NX : x, sizeof now);
+        }
+    }
+}
+
+static long inside(const int *edges, long windows) {
+    long rows = 0;
+    for (long w = 0; w < windows; w++) rows += edges[2 * w + 1] - edges[2 * w];
+    return rows;
+}
+
+#if HDA_LANES && !HDA_STIFF
+
+#include "hda_batch_step.h"
+
+enum { FEW = HDA_BATCH_WIDTH / 4 }; /* lanes that take no longer one by one than in a vector */
+
+static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direction of dry friction at joint j */
+
+/* Of each lane what it reads and writes; those from `count` on have no work and read what the last one reads. */
+typedef struct {
+    const double *begun[HDA_BATCH_WIDTH], *u[HDA_BATCH_WIDTH], *c[HDA_BATCH_WIDTH], *jump[HDA_BATCH_WIDTH];
+    double *x[HDA_BATCH_WIDTH];
+    int count;
+} lanes;
+
+/* b in the lanes of the mask, a in the others. */
+static inline __attribute__((always_inline)) void put(const hda_batch_bits *mask, const hda_batch *b, hda_batch *a) {
+    *a = (hda_batch)((*mask & (hda_batch_bits)*b) | (~*mask & (hda_batch_bits)*a));
+}
+
+/* The set-valued step of a lane alone. */
+static void single(const hda_batch *from, int lane, const double *u, const double *c, double h, hda_batch *to) {
+    double x[HDA_NX];
+    for (int i = 0; i < HDA_NX; i++) x[i] = from[i][lane];
+    hda_step_exact(x, u, c, &h, x);
+    for (int i = 0; i < HDA_NX; i++) to[i][lane] = x[i];
+}
+
+/* The set-valued step of all lanes; what becomes of those that are not `good` does not matter. */
+static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h, const hda_batch_bits *good, hda_batch *x) {
+    hda_batch from[HDA_NX], s[HDA_N];
+    hda_batch_bits slides = *good;
+    int many = 0;
+    for (int i = 0; i < HDA_NX; i++) from[i] = x[i];
+    for (int j = 0; j < HDA_N; j++) {
+        hda_batch_sign(&from[slide[j]], &s[j]);
+        slides &= (hda_batch_bits)(s[j] * s[j] > 0.0); /* neither 0 nor NaN */
+    }
+    for (int lane = 0; lane < of->count; lane++) many -= (int)slides[lane];
+    if (many > FEW) {
+        batch_step(x, u, s, c, h);
+        for (int j = 0; j < HDA_N; j++) slides &= ~(hda_batch_bits)(x[slide[j]] * s[j] < 0.0);
+    } else {
+        memset(&slides, 0, sizeof slides);
+    }
+    for (int lane = 0; lane < of->count; lane++) {
+        if (good[0][lane] && !slides[lane]) single(from, lane, of->u[lane] + k * HDA_NU, of->c[lane], h, x);
+    }
+}
+
+/* Row k: `now` becomes x, is stored and moved to the next row; lanes that would leave the limit are good no more and stay. */
+static void advance(lanes *of, long k, const hda_batch *c, double dt, double most, const double *limit, hda_batch_bits *good, hda_batch *now) {
+    const long parts = hda_parts(dt, most);
+    hda_batch u[HDA_NU], x[HDA_NX], size;
+    hda_batch_bits within = *good;
+#define INPUT(lane) of->u[lane][k * HDA_NU + i]
+#define JUMP(lane) of->jump[lane][k * HDA_NX + i]
+    for (int i = 0; i < HDA_NU; i++) u[i] = (hda_batch)HDA_BATCH_OF(INPUT);
+    for (int i = 0; of->jump[0] && i < HDA_NX; i++) {
+        const hda_batch jump = HDA_BATCH_OF(JUMP);
+        now[i] += (hda_batch)(*good & (hda_batch_bits)jump);
+    }
+#undef INPUT
+#undef JUMP
+    for (int lane = 0; lane < of->count; lane++) {
+        for (int i = 0; i < HDA_NX; i++) of->x[lane][i] = now[i][lane];
+        of->x[lane] += HDA_NX;
+    }
+    memcpy(x, now, sizeof x);
+    for (long part = 0; part < parts; part++) step(of, k, u, c, dt / (double)parts, good, x);
+    for (int i = 0; i < HDA_NX; i++) {
+        hda_batch_fabs(&x[i], &size);
+        within &= (hda_batch_bits)(size <= limit[i]);
+    }
+    for (int i = 0; i < HDA_NX; i++) put(&within, &x[i], &now[i]);
+    *good = within;
+}
+
+static void group(lanes *of, const int *edges, long windows, const double *dt, double most, const double *limit) {
+    hda_batch c[HDA_NC], now[HDA_NX];
+    hda_batch_bits works = {0};
+#define CONSTANT(lane) of->c[lane][i]
+#define BEGUN(lane) of->begun[lane][w * HDA_MECHANICAL + i]
+    for (int i = 0; i < HDA_NC; i++) c[i] = (hda_batch)HDA_BATCH_OF(CONSTANT);
+    for (int lane = 0; lane < of->count; lane++) works[lane] = -1;
+    memset(now, 0, sizeof now);
+    for (long w = 0; w < windows; w++) {
+        hda_batch_bits good = works;
+        if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
+        for (int i = 0; i < HDA_MECHANICAL; i++) now[i] = (hda_batch)HDA_BATCH_OF(BEGUN);
+        for (long k = edges[2 * w]; k < edges[2 * w + 1]; k++) advance(of, k, c, dt[k], most, limit, &good, now);
+    }
+#undef CONSTANT
+#undef BEGUN
+}
+
+#endif
+
+void hda_rollout_windows_batch(const double *begun, const int *edges, long windows, const double *u, const double *c, const double *dt,
+                               long rows, double most, const double *jump, const double *limit, long count, double *x) {
+    const long mechanical = windows * HDA_MECHANICAL, size = inside(edges, windows) * HDA_NX;
+    long first = 0;
+#if HDA_LANES && !HDA_STIFF
+    while (count - first > FEW) {
+        lanes of;
+        of.count = count - first < HDA_BATCH_WIDTH ? (int)(count - first) : HDA_BATCH_WIDTH;
+        for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
+            const long which = first + (lane < of.count ? lane : of.count - 1);
+            of.begun[lane] = begun + which * mechanical;
+            of.u[lane] = u + which * rows * HDA_NU;
+            of.c[lane] = c + which * HDA_NC;
+            of.jump[lane] = jump ? jump + which * rows * HDA_NX : NULL;
+            of.x[lane] = x + which * size;
+        }
+        group(&of, edges, windows, dt, most, limit);
+        first += of.count;
+    }
+#endif
+    for (; first < count; first++) {
+        hda_rollout_windows(begun + first * mechanical, edges, windows, u + first * rows * HDA_NU, c + first * HDA_NC, dt, most,
+                            jump ? jump + first * rows * HDA_NX : NULL, limit, x + first * size);
+    }
+}

@@ -1,0 +1,104 @@
+"""The diagnosis' simulations: many at once are what each alone would be, in the order in which they were given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from compiled import Compiled
+from replayed import FLEXIBLE, simulated
+
+from hdagen import late
+from hdagen.diagnosis.record import record
+from hdagen.diagnosis.shooting import Lane, Shooting
+from hdagen.log import Log
+from hdagen.plant import Arm
+
+Builder = Callable[..., Compiled]
+EFFECTS = ("presliding_friction", "transmission_hysteresis", "sensor_delay", "current_loop_lag")
+MOVED = {"viscous_friction_1": 1.1, "coulomb_friction_2": 0.9, "mass_2": 1.02}  # of nominal
+SET = {"sensor_delay_1": 1e-3, "current_lag_2": 1e-3, "hysteresis_torque_1": 2.0}
+
+
+def shooting(build: Builder, profile: str, torques: bool = False, gaps: bool = False) -> Shooting:
+    """``gaps``: rows are missing, and between two gaps too few are left for a window."""
+    arm = Arm(build(FLEXIBLE, profile, EFFECTS).folder)
+    log = simulated(arm)
+    columns, rng = dict(log.columns), np.random.default_rng(3)
+    if torques:
+        columns |= {f"joint_torque_{j}": rng.normal(size=len(log)) for j in (1, 2)}
+    kept = np.setdiff1d(np.arange(len(log)), [*range(300, 320), *range(330, 350)] if gaps else [])
+    there = {name: np.ascontiguousarray(values[kept]) for name, values in columns.items()}
+    return Shooting(arm, record(arm, Log(log.time[kept], there, log.n_joints, log.source), 0.05))
+
+
+def lanes(sh: Shooting) -> list[Lane]:
+    """The file's own parameters; others, first states, torques; and impulses between them."""
+    p, begun = sh.begin()
+    found, names = [Lane(p, begun)], list(sh.arm.parameters.described)
+    values = {name: sh.arm.parameters[name] * factor for name, factor in MOVED.items()} | SET
+    for name, value in values.items():
+        q = p.copy()
+        q[names.index(name)] = value
+        found.append(Lane(q, begun))
+    for k in range(4):
+        moved = begun.copy()
+        moved[:, k] += 1e-3
+        found.append(Lane(p, moved))
+    push, kick = np.zeros((2, len(sh.record.time), 2))
+    push[40:80, 0], kick[::60, 1] = 0.02, 0.05
+    return [Lane(p, begun, impulse=kick), *found, Lane(p, begun, torque=push), Lane(p, begun, push, kick)]
+
+
+@pytest.mark.parametrize("profile", ["portable", "native"])
+def test_many_lanes_are_what_each_alone_would_be(build: Builder, profile: str) -> None:
+    sh = shooting(build, profile)
+    given = lanes(sh)
+    many = sh.all(given)
+    assert len(many) == len(given) == 14 and sh.all([]) == []
+    size = np.abs(many[1]).max(0)
+    for k, (lane, seen) in enumerate(zip(given, many, strict=True)):
+        alone = sh.predict(lane)
+        assert seen.shape == (len(sh.rows), len(sh.record.names))
+        if profile == "portable":
+            assert np.array_equal(seen, alone)
+        assert np.abs((seen - alone) / size).max() < 1e-10
+        apart = [np.abs((seen - other) / size).max() for other in many[:k]]
+        assert all(other > 1e-7 for other in apart), (k, apart)
+
+
+def test_little_memory_gives_the_same(build: Builder, monkeypatch: pytest.MonkeyPatch) -> None:
+    many = (sh := shooting(build, "native")).all(lanes(sh))
+    monkeypatch.setattr("hdagen.diagnosis.shooting.MEMORY", 3 * 8 * sum(a[0].size for a in seat(sh)))
+    narrow = shooting(build, "native")
+    assert narrow.width == 3 or narrow.width == narrow.arm.module.batch_width < 3
+    for seen, other in zip(narrow.all(lanes(narrow)), many, strict=True):
+        np.testing.assert_allclose(seen, other, rtol=0, atol=1e-10 * np.abs(other).max())
+
+
+def seat(sh: Shooting) -> tuple[np.ndarray, ...]:
+    """A thread's memory."""
+    found = sh.seats.get()
+    sh.seats.put(found)
+    return found.inputs, found.shown, found.constants, found.x
+
+
+@pytest.mark.parametrize("torques, gaps", [(False, False), (False, True), (True, True)])
+def test_what_is_seen_is_what_the_sensors_read_of_the_states(build: Builder, torques: bool, gaps: bool) -> None:
+    """Positions, read late; the current that acts; and joint torques where they are measured."""
+    sh = shooting(build, "native", torques, gaps)
+    assert ("joint_torque_1" in sh.record.names) == torques
+    assert (np.ptp(sh.rows) >= len(sh.rows)) == gaps
+    for lane in lanes(sh):
+        x, arm = sh.states(lane), sh.arm
+        arm._prepare(lane.p)
+        mean, at = arm.acting(sh.record.command[:, :2], sh.steps, sh.record.before)
+        u = np.hstack([mean, sh.record.command[:, 2:]])
+        if lane.torque is not None:
+            u[:, :2] += lane.torque / 0.05  # N m/A
+        seen = late.read(arm, sh.record.time[sh.rows], x, u[sh.rows], sh.begins) | {"motor_current": at[sh.rows]}
+        found = sh.predict(lane)
+        for column, (quantity, j) in zip(found.T, sh.record.outputs, strict=True):
+            read = seen[quantity][:, j - 1]
+            np.testing.assert_allclose(column, read, rtol=0, atol=1e-12 * np.abs(read).max())
