@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hdagen.damping import Damping
+from hdagen.given import finite, is_number, of_rows, vector
 from hdagen.opening import PlantError, Structured, folder_of, opened, remedy
 
 __all__ = [
@@ -188,7 +191,7 @@ class Arm:
         given: dict[str, Any] = {"c": self.c, **inputs} if any(a == "c" for a, _ in ins) else dict(inputs)
         if set(given) != {a for a, _ in ins}:
             raise PlantError(f"{name} takes {', '.join(a for a, _ in ins if a != 'c')}, not {', '.join(inputs)}.")
-        arrays = [_rows(given[a], k, f"{name}: {a}") for a, k in ins]
+        arrays = [of_rows(given[a], k, f"{name}: {a}") for a, k in ins]
         counts = {a.shape[0] for a in arrays if a.ndim == 2}
         if len(counts) > 1:
             raise PlantError(f"{name}: the inputs have {sorted(counts)} rows; give one number of rows.")
@@ -231,7 +234,7 @@ class Arm:
         for all rows; default: the robot's step), in steps of at most ``most`` (default: the robot's step)."""
         inputs = self._inputs(u)
         times, x = self._times(dt, len(inputs)), np.empty((len(inputs) + 1, self.nx))
-        self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._size(most), 1, x)
+        self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._most(most), 1, x)
         return x
 
     def windows(
@@ -256,7 +259,7 @@ class Arm:
         x = np.empty((count, int(np.diff(rows).sum()), self.nx)) if out is None else out
         given = (u, self.c if c is None else c, dt, jump)
         inputs, used, times, added = (a if a is None else np.ascontiguousarray(a, float) for a in given)
-        first, size = _finite(begun, "begun"), self._size(most)
+        first, size = finite(begun, "begun"), self._most(most) if c is None else self._size(most)
         self.module.windows(first, rows, inputs, used, times, added, limit, x, size, count)
         return x[0] if c is None else x
 
@@ -267,8 +270,8 @@ class Arm:
         over each row of what acts (T, n), and what acts at each row's instant (T, n), which a sensor reads there.
         Without such effects: the command, and the command a row before. Raises PlantError.
         """
-        rows = _finite(command, "command")
-        first = _vector(before, self.n, "before")
+        rows = finite(command, "command")
+        first = vector(before, self.n, "before")
         if rows.ndim != 2 or rows.shape[1] != self.n or not len(rows):
             raise PlantError(f"command must be (T, {self.n}), a row or more; it is {rows.shape}.")
         times = self._times(dt, len(rows))
@@ -282,7 +285,7 @@ class Arm:
     def input_state(self, before: ArrayLike) -> NDArray[np.uint8]:
         """The memory of the input stage after ``before`` (n) had been commanded for ever."""
         state = np.zeros(self.module.length("input_reset", "state"), np.uint8)
-        self.module.bind("input_reset", state, _vector(before, self.n, "before"), self.c).run()
+        self.module.bind("input_reset", state, vector(before, self.n, "before"), self.c).run()
         return state
 
     def rollout_batch(
@@ -295,7 +298,7 @@ class Arm:
     ) -> Array:
         """B rollouts at once, smooth friction: x0 (B, nx), u (B, T, nu) -> (B, T + 1, nx). ``p`` (B, np): parameters
         of each; default: the arm's for all. Bounds of p are not checked here."""
-        starts, inputs = _finite(x0, "x0"), _finite(u, "u")
+        starts, inputs = finite(x0, "x0"), finite(u, "u")
         if inputs.ndim != 3 or starts.shape != (inputs.shape[0], self.nx) or inputs.shape[2] != self.nu:
             raise PlantError(
                 f"rollout_batch takes x0 (B, {self.nx}) and u (B, T, {self.nu}), not {starts.shape} and {inputs.shape}."
@@ -305,7 +308,7 @@ class Arm:
             raise PlantError("rollout_batch takes at least one trajectory.")
         constants = self.c
         if p is not None:
-            constants = self.evaluate("prepare", p=_rows(p, len(self.p), "p"))["c"]
+            constants = self.evaluate("prepare", p=of_rows(p, len(self.p), "p"))["c"]
             if constants.shape != (count, len(self.c)):
                 raise PlantError(f"rollout_batch takes p ({count}, {len(self.p)}).")
         x = np.empty((count, rows + 1, self.nx))
@@ -316,8 +319,8 @@ class Arm:
     def rest(self, q: ArrayLike, torque: ArrayLike | None = None) -> Array:
         """State at rest at joint positions q (n) with each spring under ``torque`` (n, N m; default: what gravity
         asks)."""
-        joint = _vector(q, self.n, "q")
-        load = self.evaluate("gravity_torque", q=joint)["g"] if torque is None else _vector(torque, self.n, "torque")
+        joint = vector(q, self.n, "q")
+        load = self.evaluate("gravity_torque", q=joint)["g"] if torque is None else vector(torque, self.n, "torque")
         twist = self.evaluate("torsion", joint_torque=load)["torsion"]
         x = np.zeros(self.nx)
         x[[self.index(f"joint_position_{j}") for j in range(1, self.n + 1)]] = joint
@@ -329,59 +332,37 @@ class Arm:
     # -- checks -----------------------------------------------------------------------------------------------------
 
     def _state(self, x: ArrayLike) -> Array:
-        return _vector(x, self.nx, f"the state x ({', '.join(self.state_names)})")
+        return vector(x, self.nx, f"the state x ({', '.join(self.state_names)})")
 
     def _input(self, u: ArrayLike) -> Array:
-        return _vector(u, self.nu, f"the input u ({', '.join(self.input_names)})")
+        return vector(u, self.nu, f"the input u ({', '.join(self.input_names)})")
 
     def _inputs(self, u: ArrayLike) -> Array:
-        inputs = _finite(u, "u")
+        inputs = finite(u, "u")
         if inputs.ndim != 2 or inputs.shape[1] != self.nu:
             raise PlantError(f"u must be (T, {self.nu}): {', '.join(self.input_names)}; it is {inputs.shape}.")
         return inputs
 
     def _times(self, dt: ArrayLike | None, rows: int) -> Array:
-        times = _finite(self.step_size if dt is None else dt, "dt")
+        times = finite(self.step_size if dt is None else dt, "dt")
         if times.shape not in ((), (1,), (rows,)) or not (times > 0).all():
             raise PlantError(f"dt must be one positive time, s, or {rows} of them, a row of u each.")
         return np.ascontiguousarray(np.broadcast_to(times, (rows,)))
+
+    @cached_property
+    def damping(self) -> Damping:
+        """What tells the step that damped springs allow."""
+        return Damping.of(self)
+
+    def _most(self, most: float | None) -> float:
+        """The longest step of a rollout with the parameters at hand, s."""
+        return min(self._size(most), self.damping.longest_step(self.p))
 
     def _size(self, h: float | None) -> float:
         size = self.step_size if h is None else h
         if not is_number(size) or not size > 0:
             raise PlantError(f"the step must be positive and finite, s, not {size}.")
         return float(size)
-
-
-def is_number(value: Any) -> bool:
-    """Whether the value is one real, finite number."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and bool(np.isfinite(value))
-
-
-def _finite(value: ArrayLike, what: str) -> Array:
-    try:
-        if np.iscomplexobj(value):
-            raise TypeError("they are complex")
-        array = np.asarray(value, float)
-    except (TypeError, ValueError) as error:
-        raise PlantError(f"{what} is not an array of real numbers ({error}).") from None
-    if not np.isfinite(array).all():
-        raise PlantError(f"{what} holds NaN or infinity; give finite numbers.")
-    return np.require(array, requirements="C")
-
-
-def _rows(value: ArrayLike, length: int, what: str) -> Array:
-    array = np.atleast_1d(_finite(value, what))
-    if array.ndim > 2 or array.shape[-1] != length:
-        raise PlantError(f"{what} must have {length} entries, not the shape {array.shape}.")
-    return array
-
-
-def _vector(value: ArrayLike, length: int, what: str) -> Array:
-    array = np.atleast_1d(_finite(value, what))
-    if array.shape != (length,):
-        raise PlantError(f"{what} must have {length} entries, not the shape {array.shape}.")
-    return array
 
 
 def load(

@@ -1,32 +1,14 @@
 /* The controller from C: null pointers, refused configurations, memory in refused ticks, and 2e4 hostile ticks a law under a
  * count of allocations. Prints one line of what went wrong and returns 1, or prints the number of ticks. */
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-
-#include "hda_control.h"
 #include <string.h>
+
+#include "harness.h"
+#include "hda_control.h"
 
 enum { TICKS = 20000 };
 
-extern void *__libc_malloc(size_t), *__libc_calloc(size_t, size_t), *__libc_realloc(void *, size_t);
-static long allocations;
-void *malloc(size_t n) { allocations++; return __libc_malloc(n); }
-void *calloc(size_t n, size_t m) { allocations++; return __libc_calloc(n, m); }
-void *realloc(void *p, size_t n) { allocations++; return __libc_realloc(p, n); }
-
-#define DEMAND(condition) \
-    do { if (!(condition)) { printf("line %d: %s\n", __LINE__, #condition); exit(1); } } while (0)
-
 static hda_controller k, before;
-static uint64_t seed = 88172645463325252u;
-
-static uint64_t bits(void) {
-    seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
-    return seed;
-}
-
-static double uniform(void) { return (double)(bits() >> 11) / 9007199254740992.0; }
 
 /* A number that nobody would send: any bits, or one of the famous ones. */
 static double hostile(void) {

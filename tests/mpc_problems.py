@@ -130,3 +130,23 @@ def price(sizes: Sizes, problem: Floats, T: Floats) -> float:
     r = np.einsum("kij,j->ki", M, t) + o
     over = np.maximum(0, np.maximum(r - q["high"], q["low"] - r)) * (q["linear"] < FREE)
     return float(0.5 * t @ P @ t + g @ t + np.sum(np.minimum(q["linear"], FREE) * over + 0.5 * q["square"] * over**2))
+
+
+def by_daqp(sizes: Sizes, problem: Floats) -> Floats | None:
+    """Torques (nodes, n) of DAQP, a dual active set, on the condensed problem; None where it does not finish."""
+    import daqp
+
+    q = sizes.split(problem)
+    P, g, M, o = condensed(sizes, q)
+    hard = q["linear"] >= FREE
+    count, soft, none = len(g), int((~hard).sum()), 1e30
+    low, high = np.where(q["low"] < -FREE, -none, q["low"] - o), np.where(q["high"] > FREE, none, q["high"] - o)
+    cost = np.block([[P, np.zeros((count, soft))], [np.zeros((soft, count)), np.diag(q["square"][~hard])]])
+    eye, free = np.eye(soft), np.full(soft, none)
+    rows = np.block([[M[hard], np.zeros((int(hard.sum()), soft))], [M[~hard], -eye], [M[~hard], eye]])
+    lower = np.concatenate([np.full(count, -none), np.zeros(soft), low[hard], -free, low[~hard]])
+    upper = np.concatenate([np.full(count + soft, none), high[hard], high[~hard], free])
+    linear = np.concatenate([g, q["linear"][~hard]])
+    tolerances = {"primal_tol": 1e-10, "dual_tol": 1e-10, "iter_limit": 20_000}
+    x, _, flag, _ = daqp.solve(cost, linear, rows, upper, lower, np.zeros(len(upper), np.int32), **tolerances)
+    return x[:count].reshape(-1, sizes.n) if flag == 1 else None

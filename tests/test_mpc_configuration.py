@@ -65,6 +65,14 @@ def test_a_file_is_read_and_changes_what_it_says(tmp_path: Path) -> None:
             "[[wall]]\nnormal = [1.0, 0.0]\noffset = -0.1\n[[wall]]\nnormal = [-1.0, 0.0]\noffset = 0.0",
             "leave nothing between them",
         ),
+        (
+            "".join(
+                f"[[wall]]\nnormal = {normal}\noffset = -0.1\n"
+                for normal in ("[1.0, 0.0]", "[-0.6, 0.8]", "[-0.6, -0.8]")
+            ),
+            "leave nothing between them",
+        ),
+        ("[limits]\njoint_low = [0.0, 1.0]\njoint_high = 0.5", "joint_low lies above limits.joint_high at joint 2"),
         ("[admittance]\nmass = 0.0", "admittance.mass: found 0.0"),
         ("[admittance]\nmass = []", "admittance.mass"),
         ("wall = 3", "write \\[\\[wall\\]\\]"),

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from threading import Thread
+
 import numpy as np
 import pytest
-from mpc_arms import built
-from mpc_problems import FREE, Sizes, by_osqp, condensed, price, random_problem
+from mpc_arms import WALLS, built
+from mpc_problems import FREE, Sizes, by_daqp, by_osqp, condensed, price, random_problem
 
+from hdagen.mpc.controller import MPC
 from hdagen.mpc.timing import INTERIOR, OSQP, RICCATI, Solver
+from hdagen.mpc.trials import trial
 from hdagen.plant import Arm
+from hdagen.reference import circle
+from hdagen.simulate import Push, Sensors
 
-SOLVED, CAPPED, REFUSED = 0, 1, -1
+SOLVED, CAPPED, REFUSED, BUSY = 0, 1, -1, -3
 
 
 def sizes_of(arm: Arm) -> Sizes:
@@ -35,6 +41,29 @@ def test_the_first_torque_is_that_of_osqp_to_a_millionth(arm: Arm, seed: int) ->
         assert np.abs(T[0] - truth[0]).max() < 1e-6
         assert price(sizes, problem, T) <= price(sizes, problem, truth) + 1e-6
     assert status in (SOLVED, CAPPED)
+
+
+def test_the_first_torque_is_that_of_daqp_on_a_closed_loop() -> None:
+    """Every tenth problem of a loop pushed hard against its limits, cold and from the last solution."""
+    pytest.importorskip("daqp", reason="daqp is not installed; pip install -e '.[test]' brings it")
+    arm, c = built()
+    sizes, solver = sizes_of(arm), Solver(arm)
+    path = circle(0.05, (0.2, 0.0), 5.0, 0.8)
+    found = trial(arm, MPC(arm, c), path, [Push(0.2, 0.6, (25.0, 10.0))], Sensors(), WALLS, seed=1, keep=True)
+    active, warm = [], 0
+    for k in range(150, 800, 10):
+        problem, solution = found.problems[k]
+        truth = by_daqp(sizes, problem)
+        assert truth is not None
+        statuses = []
+        for start in (None, solution):
+            statuses.append(solver.solve(problem, RICCATI, start))
+            assert np.abs(solver.solution[: sizes.n] - truth[0]).max() < 1e-6, k
+        assert statuses == [SOLVED, SOLVED]
+        warm += solver.solution[-2] == 0
+        active.append(solver.solution[-1])
+    assert np.mean(active) > 10
+    assert warm > 30
 
 
 def test_most_random_problems_are_solved(arm: Arm) -> None:
@@ -137,3 +166,29 @@ def test_an_unlimited_problem_is_solved_by_one_factorisation(arm: Arm) -> None:
     P, g, _, _ = condensed(sizes, q)
     T = np.linalg.solve(P, -g)
     assert np.abs(solver.solution[: T.size] - T).max() < 1e-8 * max(1.0, np.abs(T).max())
+
+
+def test_two_controllers_share_the_embedded_osqp_in_turns_and_a_thread_is_turned_away_in_between(arm: Arm) -> None:
+    """Its workspace is one for the process: what one controller left does not change what another finds, and a thread
+    that comes while another is in it is told so at once."""
+    sizes = sizes_of(arm)
+    one, other = (random_problem(sizes, np.random.default_rng(seed)) for seed in (2, 5))
+    first, second = Solver(arm), Solver(arm)
+    assert first.solve(one, OSQP, None, 1e-5, 50_000) == SOLVED
+    alone = first.solution.copy()
+    assert second.solve(other, OSQP, None, 1e-5, 50_000) == SOLVED
+    assert Solver(arm).solve(one, OSQP, None, 1e-5, 50_000) == SOLVED
+    statuses: list[int] = []
+
+    def race(solver: Solver, problem: object) -> None:
+        for _ in range(60):
+            statuses.append(solver.solve(problem, OSQP, None, 1e-9, 3000))  # type: ignore[arg-type]
+
+    threads = [Thread(target=race, args=pair) for pair in ((first, one), (second, other))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert set(statuses) <= {SOLVED, CAPPED, BUSY}
+    assert first.solve(one, OSQP, None, 1e-5, 50_000) == SOLVED
+    assert np.abs(first.solution[: sizes.n] - alone[: sizes.n]).max() < 1e-2

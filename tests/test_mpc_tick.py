@@ -123,9 +123,12 @@ def test_a_start_outside_a_limit_and_a_wall_through_the_tip_are_legal_and_said(l
     tip = arm.evaluate("points", q=loop.q)["points"][-2:]
     walls = (Wall((1.0, 0.0), float(tip[0]) - 0.02), Wall((0.0, 1.0), float(tip[1]) - 0.01))
     loop.k.configure_with(c.changed(walls))
-    for _ in range(30):
-        assert loop.tick() in (0, 1, 20)
+    seen = []
+    for _ in range(31):
+        seen.append(loop.tick())
         loop.k.prepare()
+    assert set(seen) <= {1, 20, 24}
+    assert seen.count(24) > 20
     loop.tick()
     report = loop.k.report()
     assert 0.015 < report.violated["wall"] < 0.025
@@ -134,8 +137,9 @@ def test_a_start_outside_a_limit_and_a_wall_through_the_tip_are_legal_and_said(l
 
 def test_a_reference_out_of_reach_is_followed_as_far_as_it_goes(loop: Loop) -> None:
     loop.k.path[:, :2] = (5.0, 5.0)
-    for _ in range(50):
-        assert loop.tick() in (0, 1, 2, 20)
+    seen = {loop.tick() for _ in range(50)}
+    assert seen <= {1, 2, 20, 25}
+    assert 25 in seen
 
 
 def test_limits_move_while_it_runs_and_refused_ones_change_nothing(loop: Loop) -> None:

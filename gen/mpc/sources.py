@@ -108,6 +108,7 @@ def sizes(made: Stage) -> str:
         "NODES": made.structure.nodes, "NX": made.nx, "NY": made.ny, "NG": made.ng, "SIMPLES": 2 * made.model.n,
         "NX_WIDE": _power(made.nx), "N_WIDE": _power(max(2, made.model.n)),
         "WALLS": made.structure.walls, "FLEXIBLE": len(made.model.flexible),
+        "TURNING": int(all(joint.kind == "revolute" for joint in made.model.robot.joints)),
         "JOINT_SPACE": int(made.structure.space == "joint"),
         "SIMPLE": _list(simples(made)), "INDEX": _list(made.index), "SCALE": _list(made.scale),
         "TORQUE": _list(made.torque), "MEMORIES": len(made.memory), "MEMORY": _list(held),

@@ -40,7 +40,10 @@ def truth(library: Library, structure: Structure, problem: Mapping[str, Any]) ->
     slack = MX.sym("slack", data["low"].shape[0] - 2 * n, nodes)
     cost, rows, bounds = _problem(made, data, T, x, slack)
     z = ca.vertcat(ca.vec(T), ca.vec(x), ca.vec(slack))
-    silent: Any = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8, "max_iter": 300}}
+    silent: Any = {
+        "print_time": False,
+        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8, "max_iter": 300, "mu_strategy": "adaptive"},
+    }
     nlp: Any = {"x": z, "f": cost, "g": rows}
     solver: Any = ca.nlpsol("truth", "ipopt", nlp, silent)
     plan = data["T"].reshape(nodes, n)

@@ -35,10 +35,8 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
     """The best start of each atom that is no sum of a sine and a cosine, about the point of ``at``, with the base
     parameters refitted; about a ``lead`` that stands where it was fitted with everything that it has moved too, as that
     may stand where it does in place of the atom."""
-    if lead is None:
-        base, sizes = chosen(at, words.base), TORQUES
-    else:
-        base, sizes = chosen(at, words.focused(lead.atoms)), (lead.at.s,)
+    base = chosen(at, words.focused(lead.atoms) if lead else words.base)
+    sizes = (lead.at.s,) if lead else TORQUES
     meant = base.words.meant
     tried = [
         (k, point)

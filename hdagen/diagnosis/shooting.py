@@ -154,7 +154,8 @@ class Shooting:
                 jump = np.zeros((many, len(self.steps), seat.arm.nx)) if jump is None else jump
                 jump[k][:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
         begun, c, x = np.stack([lane.begun for lane in lanes]), seat.constants[:many], seat.x[:many]
-        return seat.arm.windows(begun, self.edges, seat.inputs[:many], self.steps, self.most, self.limit, jump, c, x)
+        most = min(self.most, *(seat.arm.damping.longest_step(lane.p) for lane in lanes))
+        return seat.arm.windows(begun, self.edges, seat.inputs[:many], self.steps, most, self.limit, jump, c, x)
 
     def _inputs(self, seat: Seat, k: int, lane: Lane) -> None:
         """Lane k's inputs and constants."""

@@ -3,8 +3,9 @@ same over random runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -12,11 +13,12 @@ from hdagen.control import Controller
 from hdagen.mpc.configuration import Configuration, Wall, checked
 from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import Outcome, gains_of, outcome, trial
-from hdagen.mpc.tuned import Tuned, tune
+from hdagen.mpc.tuned import METHOD, Tuned, tune
 from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors
 
+SEEDS = 8
 RADIUS, CENTER, TURN, SECONDS = 0.05, (0.2, 0.0), 5.0, 8.0  # of the circle: m, m, s, s
 LAWS = ("impedance_cartesian", "admittance_cartesian")
 FREE = (Push(3.0, 4.0, (15.0, 0.0)), Push(6.0, 7.0, (0.0, 15.0)))  # the paper's Fig. 11
@@ -48,9 +50,11 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The table, and how the admittance law was tuned."""
+    """The table, and how the admittance law was tuned. ``free``: distances where no limit is near by controller, m, one
+    for each seed of the sensors' noise, which is what remains of them."""
 
     rows: tuple[Row, ...]
+    free: Mapping[str, tuple[float, ...]]
     tuned: Tuned
     configuration: Configuration
 
@@ -100,29 +104,42 @@ def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None
             say(f"{course}: {name}")
             found = trial(arm, controller, way, shoves, Sensors(), walls, seed=1)
             rows.append(Row(course, name, outcome(arm, limits, way, found, controller)))
-    return Comparison(tuple(rows), tuned, c)
+    return Comparison(tuple(rows), _free(arm, c, {**controllers, "mpc": predictive}, say), tuned, c)
 
 
-def random_runs(count: int, tuned: dict[str, float], profile: str = "native", first: int = 0) -> Iterator[RandomRun]:
+def _free(
+    arm: Arm, c: Configuration, controllers: Mapping[str, Controller], say: Callable[[str], None]
+) -> dict[str, tuple[float, ...]]:
+    _, way, pushes, walls, limits = next(courses(c))
+    out = {}
+    for name, controller in controllers.items():
+        say(f"noise anew: {name}")
+        if isinstance(controller, MPC):
+            controller.configure_with(limits)
+        runs = [trial(arm, controller, way, pushes, Sensors(), walls, seed) for seed in range(1, SEEDS + 1)]
+        out[name] = tuple(outcome(arm, limits, way, found, controller).distance for found in runs)
+    return out
+
+
+def random_runs(
+    count: int, tuned: dict[str, float], profile: str = "native", first: int = 0, out: Path | None = None
+) -> Iterator[RandomRun]:
     """Random runs: sizes of pushes, parameters off by up to 10 %, sensor noise, a delay of 1 to 3 ticks that the
-    controller is told to be 2."""
+    stamps tell of."""
     c = default()
-    arm, plant = load("paper", profile, mpc=c), load("paper", profile, mpc=c)
-    limits = c.changed(WALLS, mpc__delay=2)
-    far = c.changed(
-        tuple(replace(w, offset=10.0) for w in WALLS), mpc__delay=2, limits__tip_speed=1.0, limits__sudden=0.0
-    )
-    predictive = MPC(arm, limits)
+    arm, plant = (load("paper", profile, out=out, mpc=c) for _ in range(2))
+    far = c.changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0)
+    predictive = MPC(arm, c)
     admittance = Controller(arm, LAWS[1], predictive.guard, gains_of(c) | tuned)
     path = circle(RADIUS, CENTER, TURN, 4.0, float(c["mpc.period"]))
     for seed in range(first, first + count):
         random = np.random.default_rng(seed)
-        _vary(plant, random)
+        vary(plant, random)
         delay = int(random.integers(DELAYS[0], DELAYS[1] + 1))
         pushes = _pushes(random)
-        predictive.configure_with(limits)
+        predictive.configure_with(c)
         hard = trial(plant, predictive, path, pushes, Sensors(delay=delay), WALLS, seed=seed)
-        ours = outcome(plant, limits, path, hard, predictive)
+        ours = outcome(plant, c, path, hard, predictive)
         predictive.configure_with(far)
         free = outcome(
             plant, far, path, trial(plant, predictive, path, pushes, Sensors(delay=delay), (), seed=seed), predictive
@@ -131,7 +148,33 @@ def random_runs(count: int, tuned: dict[str, float], profile: str = "native", fi
         theirs = outcome(plant, far, path, found, admittance)
         torque, most = hard.simulation.torque, np.array(_torques(arm))
         legal = bool(np.isfinite(torque).all() and (np.abs(torque) <= most + 1e-12).all())
-        yield RandomRun(seed, delay, ours, free, theirs, legal, kept(arm, limits, ours))
+        yield RandomRun(seed, delay, ours, free, theirs, legal, kept(arm, c, ours))
+
+
+def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
+    """The table as text: the tip against the ideal admittance motion, what was broken and pressed; then the runs."""
+    heads = ("median", "largest", "after release", "contact N", "refused")
+    out = [f"tip against the ideal admittance motion, mm:{'':16}" + "".join(f"{h:>15}" for h in heads)]
+    for row in found.rows:
+        o = row.outcome
+        cells = [f"{1e3 * v:.3f}" for v in (o.distance, o.largest, o.released)] + [f"{o.contact:.1f}", str(o.refused)]
+        out.append(f"  {row.course:32}{row.controller:26}" + "".join(f"{cell:>15}" for cell in cells))
+        broken = [f"{name} {value:.3g}" for name, value in o.violated.items() if value > 0]
+        out.append(f"    largest violation of each limit, SI: {', '.join(broken) or 'none'}")
+    medians = ", ".join(f"{name} {1e3 * float(np.median(values)):.4f} mm" for name, values in found.free.items())
+    out.append(f"no limit near, median over {SEEDS} seeds of the noise: {medians}")
+    gains = ", ".join(f"{name} {value:.1f}" for name, value in found.tuned.gains.items())
+    out.append(f"admittance law: inner loop tuned by {METHOD}: {gains} after {found.tuned.evaluations} runs")
+    if not runs:
+        return out
+    legal, held = sum(one.legal for one in runs), sum(one.kept for one in runs)
+    out.append(f"random runs: {len(runs)}; inputs legal in {legal}, soft limits kept to what is allowed in {held}")
+    for name in runs[0].predictive.violated:
+        out.append(f"  largest excess of {name}: {max(one.predictive.violated[name] for one in runs):.3g}")
+    ours, theirs = (np.array([getattr(one, who).distance for one in runs]) for who in ("free", "admittance"))
+    where = f"mpc {1e3 * np.median(ours):.3f} mm, admittance {1e3 * np.median(theirs):.3f} mm"
+    out.append(f"median distance where no limit is near: {where}; largest ratio of a run {np.max(ours / theirs):.2f}")
+    return out
 
 
 def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
@@ -152,7 +195,8 @@ def _torques(arm: Arm) -> list[float]:
     return [j["drive"]["torque_constant"]["nominal"] * j["drive"]["max_current"] for j in arm.robot["joints"]]
 
 
-def _vary(plant: Arm, random: np.random.Generator) -> None:
+def vary(plant: Arm, random: np.random.Generator) -> None:
+    """Draw the plant's parameters anew, each up to 10 % off its nominal value."""
     plant.parameters.reset()
     changed = {}
     for name, described in plant.parameters.described.items():

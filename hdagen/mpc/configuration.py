@@ -15,7 +15,6 @@ from hdagen.plant import PlantError
 
 LARGEST = 100_000  # bytes of a controller.toml
 MOST_WALLS = 8
-MEMORY = 64 << 20  # bytes of a horizon
 
 
 @dataclass(frozen=True)
@@ -201,8 +200,28 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
         )
     if c["limits.linear"] + c["limits.square"] <= 0:
         problems.append(f"{where}: limits.linear and limits.square are both 0, so soft limits do not count; raise one.")
-    for a, one in enumerate(c.walls, 1):
-        for b, other in enumerate(c.walls[a:], a + 1):
-            opposed = one.normal[0] * other.normal[0] + one.normal[1] * other.normal[1] < -1 + 1e-9
-            if opposed and one.offset + other.offset < 0:
-                problems.append(f"{where}: walls {a} and {b} leave nothing between them; move one.")
+    if _closed(c.walls):
+        problems.append(f"{where}: the walls leave nothing between them; move one.")
+    low, high = c["limits.joint_low"], c["limits.joint_high"]
+    if low is not None and high is not None:
+        pairs = zip(*(v if isinstance(v, tuple) else (v,) * _joints(low, high) for v in (low, high)), strict=False)
+        problems += [
+            f"{where}: limits.joint_low lies above limits.joint_high at joint {j}; correct them."
+            for j, (a, b) in enumerate(pairs, 1)
+            if a >= b
+        ]
+
+
+def _joints(*values: Any) -> int:
+    return max(len(v) if isinstance(v, tuple) else 1 for v in values)
+
+
+def _closed(walls: tuple[Wall, ...]) -> bool:
+    """Whether no point lies behind all walls: the largest circle between them has no radius."""
+    if len(walls) < 2:
+        return False
+    from scipy.optimize import linprog
+
+    rows = [(*wall.normal, 1.0) for wall in walls]
+    found = linprog((0.0, 0.0, -1.0), rows, [wall.offset for wall in walls], bounds=[(-1e3, 1e3), (-1e3, 1e3), (0, 1)])
+    return found.status == 2 or bool(found.x is not None and found.x[2] <= 1e-9)

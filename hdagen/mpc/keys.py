@@ -64,7 +64,8 @@ KEYS = (
     ),
     Key("mpc", "tolerance", "number", 1e-4, "1", 0, 1e-2, "OSQP's, absolute and relative", open=True),
     Key("mpc", "iterations", "whole", 4000, "1", 1, 1_000_000, "OSQP's cap"),
-    Key("mpc", "delay", "whole", 0, "ticks", 0, 8, "from a sample to its use; the estimate is carried over it"),
+    Key("mpc", "delay", "whole", 0, "ticks", 0, 8, "from a sample to its use beyond what its stamp says"),
+    Key("mpc", "steps", "whole", 1, "1", 1, 100, "of sequential quadratic programming a tick; 1: real-time iteration"),
     Key("admittance", "mass", "axes", 2.0, "kg", 0, 1e6, "wanted mass (joint space: kg m²)", open=True),
     Key("admittance", "damping", "axes", 45.0, "N s/m", 0, 1e6, "wanted damping (N m s/rad)"),
     Key("admittance", "stiffness", "axes", 500.0, "N/m", 0, 1e6, "wanted stiffness (N m/rad)"),
@@ -179,11 +180,11 @@ KEYS = (
         open=True,
     ),
     Key("wall", "margin", "number", 5e-4, "m", 0, 0.1, "distance kept for what the model does not know"),
-    Key("estimator", "torque", "joints", 0.02, "N m/√Hz", 0, 1e6, "white torque at the motors", open=True),
+    Key("estimator", "torque", "joints", 0.0005, "N m/√Hz", 0, 1e6, "white torque at the motors", open=True),
     Key(
-        "estimator", "disturbance", "joints", 0.3, "N m/√s", 0, 1e6, "walk of the disturbance at the motors", open=True
+        "estimator", "disturbance", "joints", 0.03, "N m/√s", 0, 1e6, "walk of the disturbance at the motors", open=True
     ),
-    Key("estimator", "load", "joints", 0.01, "N m/√Hz", 0, 1e6, "white torque at the joints", open=True),
+    Key("estimator", "load", "joints", 0.0003, "N m/√Hz", 0, 1e6, "white torque at the joints", open=True),
     Key("estimator", "force", "number", 50.0, "N/√s", 0, 1e6, "walk of the tip force", open=True),
     Key("estimator", "sensor", "number", 0.2, "N", 0, 1e6, "deviation of the force sensor", open=True),
     Key("estimator", "observer", "number", 100.0, "rad/s", 0, 1e4, "bandwidth of the momentum observer", open=True),

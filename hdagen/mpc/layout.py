@@ -63,7 +63,8 @@ def settings_of(arm: Arm, c: Configuration) -> Array:
     ratio = np.array([abs(drive["ratio"]["nominal"]) for drive in drives(arm)])
     mass = np.diag(arm.evaluate("mass_matrix", q=np.full(n, 0.6))["M"].reshape(n, n))
     rotor = np.where(inertia > 0, inertia, mass / ratio**2)
-    values = [SOLVERS.index(c["mpc.solver"]), c["mpc.tolerance"], c["mpc.iterations"], c["mpc.delay"]]
+    values = [SOLVERS.index(c["mpc.solver"]), c["mpc.tolerance"], c["mpc.iterations"]]
+    values += [c["mpc.delay"], c["mpc.steps"]]
     values += [c["admittance.force"] == "sensor", c["admittance.force_decay"], c["weights.terminal"]]
     values += [c[f"weights.{name}"] for name in ("position", "velocity", "posture", "torque", "torque_rate")]
     values += [

@@ -22,12 +22,6 @@ from hdagen.simulate import Sensors
 SECONDS = 7.0  # of closed loop
 RICCATI, OSQP, INTERIOR = range(3)
 TOLERANCES = (1e-3, 1e-5)
-BARS = {
-    "osqp at 1e-3 over riccati": ("least", 10.0, ""),
-    "p99 over median": ("most", 6.0, ""),
-    "active rows": ("least", 10.0, ""),
-}
-SAME = 1e-6  # of a torque's largest: what counts as the same first torque
 
 
 @dataclass(frozen=True)
@@ -46,8 +40,8 @@ class Times:
 
 
 @dataclass(frozen=True)
-class MpcBench:
-    """All that was measured. ``phases``: preparation, tick, both; ``active``: mean number of active rows by family;
+class Timing:
+    """All that was timed. ``phases``: preparation, tick, both; ``active``: mean number of active rows by family;
     ``share``: of the period that p99 of the whole tick takes."""
 
     joints: int
@@ -58,7 +52,6 @@ class MpcBench:
     active: dict[str, float]
     interior_share: float
     share: float
-    bars: tuple[tuple[str, str, float, float, bool], ...]  # name, kind, asked, reached, met
     machine_quiet: float  # largest over median of an idle loop's time: what the machine adds by itself
 
 
@@ -99,7 +92,7 @@ class Solver:
 
 def bench(
     profile: str = "native", seconds: float = SECONDS, every: int = 5, say: Callable[[str], None] = lambda _: None
-) -> MpcBench:
+) -> Timing:
     """Record the closed loop, then solve its problems again with every solver, in turns."""
     say("closed loop")
     arm, c, found = record(profile, seconds)
@@ -143,7 +136,7 @@ def _times(name: str, values: list[tuple[float, float, bool, float]]) -> Times:
                  float(iterations.max()), float(solved.mean()), float(np.median(apart)))  # fmt: skip
 
 
-def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]) -> MpcBench:
+def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]) -> Timing:
     times = 1e9 * found.times[10:]
     inner = np.array([r.interior for r in found.reports[10:]])
     solved = [r.solved == 0 for r in found.reports[10:]]
@@ -153,18 +146,8 @@ def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]
         for name, part in parts.items()
     )
     active = {name: float(np.mean([r.active[name] for r in found.reports])) for name in found.reports[0].active}
-    whole, by_name = phases[2], {t.name: t for t in solvers}
-    reached = {
-        "osqp at 1e-3 over riccati": by_name["osqp at 0.001"].median / by_name["riccati"].median,
-        "p99 over median": whole.p99 / whole.median,
-        "active rows": sum(active.values()),
-    }
-    bars = tuple(
-        (name, kind, asked, reached[name], reached[name] >= asked if kind == "least" else reached[name] <= asked)
-        for name, (kind, asked, _) in BARS.items()
-    )
     period = float(c["mpc.period"])
-    return MpcBench(
+    return Timing(
         arm.n,
         len(c.grid),
         len(times),
@@ -172,8 +155,7 @@ def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]
         solvers,
         active,
         float((inner > 0).mean()),
-        whole.p99 * 1e-6 / period,
-        bars,
+        phases[2].p99 * 1e-6 / period,
         _quiet(),
     )
 
@@ -189,7 +171,7 @@ def _quiet() -> float:
     return float(np.quantile(taken, 0.99) / np.median(taken))
 
 
-def lines(found: MpcBench) -> list[str]:
+def lines(found: Timing) -> list[str]:
     """What to print."""
     out = [
         f"{found.joints} joints, {found.nodes} nodes, {found.samples} ticks of closed loop; µs of thread time",
@@ -204,7 +186,4 @@ def lines(found: MpcBench) -> list[str]:
     out.append(f"active rows on average: {active}")
     out.append(f"the interior point was needed in {found.interior_share:.0%} of the ticks")
     out.append(f"p99 of the whole tick takes {found.share:.0%} of the period")
-    for name, kind, asked, reached, met in found.bars:
-        bound = "at least" if kind == "least" else "at most"
-        out.append(f"bar: {name} {bound} {asked:g}: {reached:.3g}, {'met' if met else 'missed'}")
     return out

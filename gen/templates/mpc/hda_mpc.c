@@ -9,6 +9,7 @@ enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, AXES = HDA_MPC_AXES };
 static const int state_index[] = HDA_MPC_INDEX, memory_index[] = HDA_MPC_MEMORY, places[] = HDA_MPC_PLACES, speeds[] = HDA_MPC_SPEEDS, links[] = HDA_MPC_LINKS;
 static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
 
+#define SETTLED 1e-10 /* change of a torque, as a share of the largest: the sequence of quadratic problems has converged */
 #define FAR 1e4 /* of a trajectory, in the solver's units: beyond it the plan is given up */
 
 static void scaled(const double *x, double *z) {
@@ -50,17 +51,26 @@ static void start(hda_mpc *k, const hda_measurement *m, const double *path) {
         k->yielded[AXES + a] = -path[AXES + a];
     }
     for (int j = 0; j < NU; j++) k->anchor[j] = k->estimator.s[places[j]];
-    for (int d = 0; d <= HDA_MPC_LATEST; d++) memcpy(k->sent[d], k->guard.sent, sizeof k->sent[d]);
+    for (int d = 0; d < 2 * HDA_MPC_LATEST; d++) memcpy(k->sent[d], k->guard.sent, sizeof k->sent[d]);
+    k->seen = m->stamp;
     stay(k);
     k->started = 1;
     k->prepared = k->failures = k->rung = 0;
 }
 
-/* The estimate at the time of the measurement, then at the tick. */
-static void see(hda_mpc *k, const hda_measurement *m) {
-    const int delay = (int)k->settings.delay;
+/* Whole periods in a time, at most HDA_MPC_LATEST. */
+static int periods(const hda_mpc *k, double time) {
+    const double count = time / k->guard.config.period + 0.5;
+    return !(count > 0.0) ? 0 : count >= HDA_MPC_LATEST ? HDA_MPC_LATEST : (int)count;
+}
+
+/* The estimate at the time of the measurement, then at the tick. A measurement that was seen before says nothing new. */
+static void see(hda_mpc *k, double now, const hda_measurement *m) {
+    const int late = periods(k, now - m->stamp) + (int)k->settings.delay, delay = late < HDA_MPC_LATEST ? late : HDA_MPC_LATEST;
+    const int passed = periods(k, m->stamp - k->seen);
     const double period = k->guard.config.period, *s = k->estimator.s;
-    hda_mpc_estimate(&k->estimator, m, k->sent[delay], k->c, &k->settings.noise, period, k->settings.by_sensor > 0.0);
+    if (passed > 0) hda_mpc_estimate(&k->estimator, m, (const double(*)[NU])k->sent[delay], passed, k->c, &k->settings.noise, period, k->settings.by_sensor > 0.0);
+    if (passed > 0) k->seen = m->stamp;
     memcpy(k->report.x, s, sizeof k->report.x);
     memcpy(k->report.tip_force, k->settings.by_sensor > 0.0 ? m->tip_force : s + HDA_NX + NU, sizeof k->report.tip_force);
     for (int d = delay - 1; d >= 0; d--) hda_mpc_foresee(k->c, k->sent[d], s + HDA_NX, k->report.tip_force, period, k->report.x);
@@ -108,14 +118,31 @@ static void impede(hda_mpc *k, double *raw) {
     for (int j = 0; j < NU; j++) raw[j] = k->hold[j] + stiffness[j] * (k->anchor[j] - s[places[j]]) - damping[j] * s[speeds[j]];
 }
 
+/* Moves the trajectory by the solution; the largest change of a torque, as a share of the motor's largest. */
+static double take(hda_mpc *k) {
+    double most = 0.0;
+    for (int e = 0; e < N * NU; e++) {
+        const double moved = k->solution.T[e];
+        most = moved > most ? moved : -moved > most ? -moved : most;
+        k->T[e] += moved;
+    }
+    for (int e = 0; e < NX; e++) k->x[e] += k->qp.first[e];
+    for (int e = 0; e < N * NX; e++) k->x[NX + e] += k->solution.x[e];
+    return most;
+}
+
 /* The torque of this tick by the ladder; its status. */
-static int step(hda_mpc *k, double *raw) {
-    int second;
-    const int solved = solve(k, &second);
+static int step(hda_mpc *k, const double *path, double *raw) {
+    int second, solved = solve(k, &second);
+    for (int more = (int)k->settings.steps; solved >= 0; more--) {
+        const double moved = take(k);
+        if (more <= 1 || moved < SETTLED) break;
+        linearise(k);
+        memset(k->qp.first, 0, sizeof k->qp.first);
+        hda_mpc_aim(k, path, k->report.tip_force);
+        solved = solve(k, &second);
+    }
     if (solved >= 0) {
-        for (int e = 0; e < N * NU; e++) k->T[e] += k->solution.T[e];
-        for (int e = 0; e < NX; e++) k->x[e] += k->qp.first[e];
-        for (int e = 0; e < N * NX; e++) k->x[NX + e] += k->solution.x[e];
         for (int j = 0; j < NU; j++) k->anchor[j] = k->estimator.s[places[j]];
         k->failures = 0;
         k->rung = HDA_MPC_ON_PLAN;
@@ -131,23 +158,23 @@ static int step(hda_mpc *k, double *raw) {
            : k->rung == HDA_MPC_ON_SHIFTED   ? HDA_MPC_SHIFTED
            : solved == HDA_MPC_CAPPED        ? HDA_MPC_ROUGH
            : second                          ? HDA_MPC_SECOND
-                                             : 0;
+                                             : hda_mpc_beside(k, path);
 }
 
-static int follow(hda_mpc *k, const hda_measurement *m, const double *path, double *raw) {
-    double now[NX];
+static int follow(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *raw) {
+    double x[NX];
     if (k->started) {
         hda_mpc_prepare(k);
         hda_mpc_yield(k, k->report.tip_force);
-        see(k, m);
+        see(k, now, m);
     } else {
         start(k, m, path);
         linearise(k);
     }
-    scaled(k->report.x, now);
-    for (int i = 0; i < NX; i++) k->qp.first[i] = now[i] - k->x[i];
+    scaled(k->report.x, x);
+    for (int i = 0; i < NX; i++) k->qp.first[i] = x[i] - k->x[i];
     hda_mpc_aim(k, path, k->report.tip_force);
-    return step(k, raw);
+    return step(k, path, raw);
 }
 
 int hda_mpc_tick(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *torque) {
@@ -156,11 +183,11 @@ int hda_mpc_tick(hda_mpc *k, double now, const hda_measurement *m, const double 
     if (!k || !k->configured) return hda_guard_end(k ? &k->guard : NULL, raw, map, torque);
     const int opened = hda_guard_begin(&k->guard, now, m, path, HDA_MPC_PATH);
     if (opened >= 0) {
-        followed = follow(k, m, path, raw);
+        followed = follow(k, now, m, path, raw);
         hda_force_map(m->joint_position, k->c, map);
     }
     const int status = hda_guard_end(&k->guard, raw, map, torque);
-    memmove(k->sent[1], k->sent[0], HDA_MPC_LATEST * sizeof k->sent[0]);
+    memmove(k->sent[1], k->sent[0], sizeof k->sent - sizeof k->sent[0]);
     memcpy(k->sent[0], k->guard.sent, sizeof k->sent[0]);
     k->prepared = 0;
     if (k->guard.latched) k->rung = HDA_MPC_ON_RAMP;

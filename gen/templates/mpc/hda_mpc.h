@@ -28,6 +28,8 @@ enum {
   HDA_STATUS(HDA_MPC_SECOND, 21, "The first solver failed; the torque is OSQP's.") \
   HDA_STATUS(HDA_MPC_SHIFTED, 22, "No solver succeeded; the torque is that of the last plan, shifted.") \
   HDA_STATUS(HDA_MPC_IMPEDANCE, 23, "No solver succeeded for longer than the plan is trusted; the arm is held by an impedance with damping.") \
+  HDA_STATUS(HDA_MPC_OUTSIDE, 24, "The arm is beyond a soft limit; the torque brings it back.") \
+  HDA_STATUS(HDA_MPC_UNREACHED, 25, "The path is out of the arm's reach; the arm goes as near as its limits allow.") \
   HDA_STATUS(HDA_MPC_FAILED, -320, "The solvers failed ten times in a row; the safe state is latched, and hda_mpc_recover leaves it.") \
   HDA_STATUS(HDA_MPC_CALL, -300, "A pointer is null; nothing was changed.") \
   HDA_STATUS(HDA_MPC_PARAMETER, -301, "A parameter of the model is not finite; nothing was changed.") \
@@ -38,7 +40,7 @@ enum {
   HDA_STATUS(HDA_MPC_LIMIT, -306, "A limit is not positive, or a range is empty; nothing was changed.") \
   HDA_STATUS(HDA_MPC_WALL, -307, "A wall's normal must have length 1; nothing was changed.") \
   HDA_STATUS(HDA_MPC_NOISE, -308, "A deviation of the estimator must be positive; nothing was changed.") \
-  HDA_STATUS(HDA_MPC_LATE, -309, "The delay must be 0 to 8 whole ticks; nothing was changed.")
+  HDA_STATUS(HDA_MPC_LATE, -309, "The delay must be 0 to 8 whole ticks, and the steps 1 to 100; nothing was changed.")
 
 #define HDA_STATUS_NAME(name, code, sentence) name = (code),
 enum hda_mpc_status { HDA_MPC_LIST(HDA_STATUS_NAME) HDA_MPC_END = 1003 };
@@ -52,7 +54,8 @@ enum hda_mpc_backend { HDA_MPC_BY_RICCATI = 0, HDA_MPC_BY_OSQP = 1, HDA_MPC_BY_I
 typedef struct hda_mpc_settings {
     double backend;                  /* enum hda_mpc_backend */
     double tolerance, iterations;    /* of OSQP */
-    double delay;                    /* ticks from a sample to its use, 0 to 8 */
+    double delay;                    /* ticks from a sample to its use beyond what its stamp says, 0 to 8 */
+    double steps;                    /* of sequential quadratic programming a tick, at most; 1: real-time iteration */
     double by_sensor;                /* 1: the tip force is measured; 0: estimated */
     double decay;                    /* 1/s, of the tip force over the horizon */
     double terminal;                 /* factor of the tracking weights at the last node */
@@ -106,8 +109,10 @@ typedef struct hda_mpc {
     double carry[(HDA_MPC_N + 1) * HDA_MPC_AXES][9]; /* the admittance over the period, then over each node: (x, v, F) to (x, v, F) */
     double limits[HDA_MPC_ROWS][2];  /* of the rows, in their units: low, high */
     double unit[HDA_MPC_ROWS];       /* SI of 1 in each row */
+    double size[HDA_MPC_ROWS];       /* of each soft limit, in its row's units */
     double weight;                   /* of all cost, so that its curvature is near 1 */
-    double sent[HDA_MPC_LATEST + 1][HDA_N]; /* torques sent, the last first */
+    double sent[2 * HDA_MPC_LATEST][HDA_N]; /* torques sent, the last first */
+    double seen;                     /* stamp of the measurement that the estimate stands on */
     double yielded[2 * HDA_MPC_AXES];
     double anchor[HDA_N];            /* motor positions that the impedance holds */
     double hold[HDA_N];              /* torque that holds the arm, N m at the motor */
@@ -153,6 +158,7 @@ void hda_mpc_bound(hda_mpc *k);                           /* trajectory and limi
 void hda_mpc_aim(hda_mpc *k, const double *path, const double *force); /* target -> slope of the cost */
 void hda_mpc_yield(hda_mpc *k, const double *force);      /* one period of the admittance */
 void hda_mpc_shift(hda_mpc *k);                           /* trajectory and active set, one period on */
+int hda_mpc_beside(const hda_mpc *k, const double *path); /* HDA_MPC_OUTSIDE, HDA_MPC_UNREACHED or 0 */
 void hda_mpc_look(const hda_mpc *k, const double *x, double *y, double *Y, double *g, double *G); /* outputs and rows at one state */
 void hda_mpc_feel(hda_mpc *k);                            /* momentum observer -> observed force and collision */
 

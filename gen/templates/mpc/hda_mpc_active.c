@@ -12,7 +12,9 @@ enum { N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, ALL = N * ROWS };
 #define STIFF 1e4      /* weight of a row of length 1 at its bound */
 #define STIFFER 100.0  /* factor on it where the multipliers come slowly */
 #define FEASIBLE 1e-11
-#define NEAR 1e-11     /* gap of the interior point at which the active set takes over */
+#define NEAR 1e-9      /* gap of the interior point at which the active set takes over */
+#define NEARER 1e-11   /* the same once more, where the set did not stand */
+#define RESTLESS 15    /* rows that came or went in the last solution: with more, its set is no guess for the next one */
 #define SLIGHT 1e-9 /* of values and multipliers that decide on the set */
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
@@ -160,6 +162,16 @@ static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, 
     return 0;
 }
 
+/* Rows that stand elsewhere by one solution than by another; none where the first knows nothing. */
+static int apart(const double *before, const double *now) {
+    int count = 0, known = 0;
+    for (int e = 0; e < ALL; e++) {
+        count += (before[e] > 0.0) != (now[e] > 0.0) || (before[e] < 0.0) != (now[e] < 0.0);
+        known |= before[e] != 0.0;
+    }
+    return known ? count : 0;
+}
+
 /* Hands a solution out if every number of it is one; the torques are cut to what is legal. */
 static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored, int inside, int exact) {
     double worst = 0.0, active = 0.0;
@@ -181,6 +193,7 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
             if (T < qp->low[k * ROWS + j]) T = qp->low[k * ROWS + j];
             s->T[k * HDA_N + j] = T;
         }
+    w->changed = apart(s->dual, w->now.y);
     memcpy(s->x, w->now.x, sizeof s->x);
     memcpy(s->dual, w->now.y, sizeof s->dual);
     s->residual = worst;
@@ -190,13 +203,18 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
     return exact ? HDA_MPC_SOLVED : HDA_MPC_CAPPED;
 }
 
-/* The interior point comes near; then the active set takes over, exact where its set stands. */
+/* The interior point comes near; then the active set takes over, exact where its set stands; where it does not, from nearer still. */
 static int inside(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored) {
-    const int near = hda_mpc_approach(qp, w, NEAR);
-    w->kept = w->now;
-    guess(qp, w);
-    if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1) return hand(qp, s, w, factored + w->rounds, w->rounds, 1);
-    w->now = w->kept;
+    static const double gaps[] = {NEAR, NEARER};
+    int near = 1;
+    for (int again = 0; again < 2 && near; again++) {
+        near = hda_mpc_approach(qp, w, gaps[again]);
+        w->kept = w->now;
+        guess(qp, w);
+        if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1) return hand(qp, s, w, factored + w->rounds, w->rounds, 1);
+        w->now = w->kept;
+        stiffen(qp, w);
+    }
     return hand(qp, s, w, factored + w->rounds, w->rounds, near);
 }
 
@@ -204,13 +222,17 @@ int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w)
     if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
     hda_mpc_turn(qp, &w->f);
     stiffen(qp, w);
-    return hda_mpc_enter(qp, w) ? HDA_MPC_BROKEN : inside(qp, s, w, 0);
+    if (hda_mpc_enter(qp, w, 0)) return HDA_MPC_BROKEN;
+    const int status = inside(qp, s, w, 0);
+    return status == HDA_MPC_SOLVED || hda_mpc_enter(qp, w, 1) ? status : inside(qp, s, w, HDA_MPC_INTERIOR);
 }
 
-/* The set from the solution's multipliers, and the factors that belong to it. */
+/* What does not depend on the measurement: 1 where the set from the solution's multipliers is ready with its factors, 2 where the set changes too
+ * fast for that, 0 where it failed. */
 static int expect(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
     hda_mpc_turn(qp, &w->f);
     stiffen(qp, w);
+    if (w->changed > RESTLESS) return 2;
     memcpy(w->now.y, s->dual, sizeof w->now.y);
     if (!within(w->now.y, ALL, -HDA_MPC_LARGEST, HDA_MPC_LARGEST)) return 0;
     guess(qp, w);
@@ -219,7 +241,7 @@ static int expect(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work 
 }
 
 void hda_mpc_anticipate(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
-    w->ready = hda_mpc_legal(qp) && expect(qp, s, w);
+    w->ready = hda_mpc_legal(qp) ? expect(qp, s, w) : 0;
 }
 
 int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) {
@@ -227,11 +249,11 @@ int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) 
     w->ready = 0;
     if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
     if (!ready) ready = expect(qp, s, w);
-    if (ready && settle(qp, w, HDA_MPC_ROUNDS, 1, &factored) == 1) return hand(qp, s, w, factored, 0, 1);
+    if (ready == 1 && settle(qp, w, HDA_MPC_ROUNDS, 1, &factored) == 1) return hand(qp, s, w, factored, 0, 1);
     stiffen(qp, w);
     if (!hda_mpc_again(qp, w, s->dual)) {
         const int status = inside(qp, s, w, factored);
         if (status == HDA_MPC_SOLVED) return status;
     }
-    return hda_mpc_enter(qp, w) ? HDA_MPC_BROKEN : inside(qp, s, w, factored + HDA_MPC_INTERIOR);
+    return hda_mpc_enter(qp, w, 1) ? HDA_MPC_BROKEN : inside(qp, s, w, factored + HDA_MPC_INTERIOR);
 }

@@ -42,6 +42,7 @@ static int wrong(const hda_mpc_settings *s, double period) {
     if (!positive(s->mass, AXES) || !not_negative(s->damping, AXES) || !not_negative(s->stiffness, AXES)) return HDA_MPC_ADMITTANCE;
     if (!positive(s->smoothing, NU) || !not_negative(s->hold_stiffness, NU) || !not_negative(s->hold_damping, NU)) return HDA_MPC_LIMIT;
     if (!positive((const double *)&s->noise, sizeof s->noise / sizeof(double))) return HDA_MPC_NOISE;
+    if (!(s->steps >= 1.0 && s->steps <= 100.0 && s->steps == (double)(int)s->steps)) return HDA_MPC_LATE;
     if (!(s->delay >= 0.0 && s->delay <= HDA_MPC_LATEST && s->delay == (double)(int)s->delay)) return HDA_MPC_LATE;
     if (!(s->backend == 0.0 || s->backend == 1.0 || s->backend == 2.0) || !(s->tolerance > 0.0) || !(s->iterations >= 1.0 && s->iterations <= 1e6)) return HDA_MPC_NUMBER;
     return limits(s);

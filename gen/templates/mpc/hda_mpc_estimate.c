@@ -147,9 +147,9 @@ static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double
     e->known = 1.0;
 }
 
-void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double *torque, const double *c, const hda_mpc_noise *noise, double period,
-                      int by_sensor) {
-    predict(e, torque, c, noise, period);
+void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double (*torque)[HDA_N], int periods, const double *c, const hda_mpc_noise *noise,
+                      double period, int by_sensor) {
+    for (int ago = periods - 1; ago >= 0; ago--) predict(e, torque[ago], c, noise, period);
     e->innovation = 0.0;
     for (int j = 0; j < NU; j++) {
         if (flexible[j]) take(e, places[j], m->motor_position[j], noise->motor[j]);
@@ -160,5 +160,5 @@ void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const doub
     e->innovation = encoders;
     for (int j = 0; j < E; j++)
         for (int i = 0; i < j; i++) e->P[j * E + i] = e->P[i * E + j] = 0.5 * (e->P[j * E + i] + e->P[i * E + j]);
-    observe(e, m, torque, c, noise, period);
+    observe(e, m, torque[0], c, noise, periods * period);
 }

@@ -35,9 +35,9 @@ typedef struct hda_mpc_estimator {
 /* At rest at the measured positions, the springs bearing what they show. */
 void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, const double *c, const hda_mpc_noise *noise);
 
-/* One period with the torque held, then the measurement. by_sensor: the force is measured too. */
-void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double *torque, const double *c, const hda_mpc_noise *noise, double period,
-                      int by_sensor);
+/* `periods` (at least 1) with the torques that were held, the last first, then the measurement. by_sensor: the force is measured too. */
+void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double (*torque)[HDA_N], int periods, const double *c, const hda_mpc_noise *noise,
+                      double period, int by_sensor);
 
 /* The state so much later with the torque held. */
 void hda_mpc_foresee(const double *c, const double *torque, const double *disturbance, const double *force, double time, double *x);

@@ -6,23 +6,28 @@
  * Sources: Mehrotra, SIAM J. Optim. 2 (1992) 575; Rao, Wright, Rawlings (1998). */
 #include "hda_mpc_solver.h"
 
+#include <math.h>
 #include <string.h>
 
 enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL, BLOCKS = HDA_MPC_BLOCKS };
 
 #define CLOSE 1e-9
-#define START 0.05     /* the least distance from a bound to begin with, per half of the range or 1 */
-#define GAP 0.1        /* product of every pair to begin with */
-#define START_AGAIN 0.01 /* the same from an earlier solution */
-#define GAP_AGAIN 0.01
+#define GAP 0.3        /* product of every pair to begin with */
+#define WIDE 1e3       /* the same where that start failed: far from every bound */
+#define JAMMED 0.1     /* a step shorter than this goes nowhere */
+#define JAMS 3         /* of them in a row are the end, where another start is left */
 #define STALLED 1e-9   /* gap below which no progress is an end */
 #define BOUNDARY 0.995
+#define TINY 1e-36     /* of a product: its reciprocal is a float */
 
 typedef double W __attribute__((vector_size(64)));
 typedef long long B __attribute__((vector_size(64)));
+typedef float F __attribute__((vector_size(32)));
 
 #define PICK(mask, a, b) ((W)(((mask) & (B)(a)) | (~(mask) & (B)(b))))
 #define LARGER(a, b) PICK((a) > (b), a, b)
+/* the reciprocal of a product to single precision, which is enough for how long a step may be */
+#define ROUGH(product) __builtin_convertvector(1.0f / __builtin_convertvector((product) + TINY, F), W)
 
 static const W zero = {0};
 
@@ -34,27 +39,29 @@ static inline double most_of(const W *a) {
     return most;
 }
 
-/* One side of one row. */
-static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, double nearest, double gap) {
+/* One side of one row, in the middle: both of its products are `gap`, its distance and its multiplier near what the rows and an earlier solution say. */
+static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, double gap) {
     hda_mpc_side *z = &w->side[low];
-    const int b = e / 8, i = e % 8, soft = w->soft[b][i] > 0.0;
-    const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->now.rows[e] : w->now.rows[e], other = low ? qp->high[e] : -qp->low[e];
+    const int b = e / 8, i = e % 8;
+    const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->now.rows[e] : w->now.rows[e], y = low ? -w->now.y[e] : w->now.y[e];
     if (!(bound < HDA_MPC_FREE)) return;
-    const double range = other < HDA_MPC_FREE && bound + other < 2.0 ? 0.5 * (bound + other) : 1.0, least = nearest * range + 1e-9;
     z->there[b][i] = 1.0;
     z->bound[b][i] = bound;
-    const double s = soft ? larger(r - bound, least) : 0.0, t = larger(bound - r + s, least), v = w->linear[b][i] + w->square[b][i] * s;
-    const double y = low ? -w->now.y[e] : w->now.y[e];
-    double l = larger(gap / t, y);
-    if (soft && l > v - gap) l = v > 2.0 * gap ? v - gap : 0.5 * v;
-    z->t[b][i] = t;
+    const double far = bound - r - larger(y, 0.0), most = w->linear[b][i], square = w->square[b][i];
+    const double root = sqrt(far * far + 4.0 * gap);
+    double l = far > 0.0 ? 2.0 * gap / (far + root) : 0.5 * (root - far); /* l t = gap, t - l = far */
+    if (w->soft[b][i] > 0.0) {
+        if (l > most - gap) l = larger(most - gap, 0.5 * most);
+        const double left = most - l;
+        z->s[b][i] = 2.0 * gap / (left + sqrt(left * left + 4.0 * square * gap));
+        z->v[b][i] = left + square * z->s[b][i];
+    }
+    z->t[b][i] = gap / l;
     z->l[b][i] = l;
-    z->s[b][i] = s;
-    if (soft) z->v[b][i] = v - l;
 }
 
 /* Where the iterations begin: the rows' values are in w->now. */
-static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double nearest, double gap) {
+static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double gap) {
     memset(w->linear, 0, sizeof w->linear);
     memset(w->square, 0, sizeof w->square);
     memset(w->soft, 0, sizeof w->soft);
@@ -70,7 +77,7 @@ static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double nearest, double 
     w->pairs = 0.0;
     for (int e = 0; e < ALL; e++)
         for (int low = 0; low < 2; low++) {
-            begin_side(qp, w, e, low, nearest, gap);
+            begin_side(qp, w, e, low, gap);
             w->pairs += w->side[low].there[e / 8][e % 8] * (1.0 + w->soft[e / 8][e % 8]);
         }
     if (w->pairs == 0.0) w->pairs = 1.0;
@@ -95,8 +102,8 @@ static double measure(hda_mpc_work *w, double *gap) {
             z->give[b] = give;
             z->ease[b] = ease;
             const W pair = z->t[b] * z->l[b], soft_pair = z->s[b] * z->v[b], soft = w->soft[b] * z->there[b];
-            z->pair[b] = 1.0 / (pair + (1.0 - z->there[b]));
-            z->soft_pair[b] = 1.0 / (soft_pair + (1.0 - soft));
+            z->pair[b] = ROUGH(pair + (1.0 - z->there[b]));
+            z->soft_pair[b] = ROUGH(soft_pair + (1.0 - soft));
             sum += z->there[b] * pair + soft * soft_pair;
             if (low) weight[b] += z->l[b] * give;
             else weight[b] = z->l[b] * give;
@@ -185,7 +192,7 @@ static void advance(hda_mpc_work *w, double share) {
     for (int e = 0; e < ALL; e++) w->now.rows[e] += share * (w->next.rows[e] - w->now.rows[e]);
 }
 
-int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w) {
+int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w, int wide) {
     memset(w->weight, 0, sizeof w->weight);
     memset(w->slope, 0, sizeof w->slope);
     memset(&w->next, 0, sizeof w->next);
@@ -197,7 +204,8 @@ int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w) {
         if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
     }
     hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
-    begin(qp, w, START, GAP);
+    begin(qp, w, wide ? WIDE : GAP);
+    w->jams = wide ? HDA_MPC_INTERIOR : JAMS;
     return 0;
 }
 
@@ -209,15 +217,16 @@ int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
     w->rounds = 0;
     w->unmet = 1.0;
     hda_mpc_roll(qp, &w->f, idle, w->now.x, w->now.rows);
-    begin(qp, w, START_AGAIN, GAP_AGAIN);
+    begin(qp, w, GAP);
+    w->jams = JAMS;
     return 0;
 }
 
 int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
     hda_mpc_point *next = &w->next;
     double last = 1e300;
-    int near = 0;
-    for (; w->rounds < HDA_MPC_INTERIOR; w->rounds++) {
+    int near = 0, jams = 0;
+    for (; w->rounds < HDA_MPC_INTERIOR && jams < w->jams; w->rounds++) {
         double gap;
         const double worst = measure(w, &gap);
         near = worst < larger(CLOSE, wanted) && gap < wanted && w->unmet < larger(CLOSE, wanted);
@@ -230,6 +239,7 @@ int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
         lean(w, left * left * left * gap, 1.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
         double share = stride(w);
+        jams = share < JAMMED && worst > CLOSE ? jams + 1 : 0;
         share = share < 1.0 ? BOUNDARY * share : 1.0;
         advance(w, share);
         w->unmet *= 1.0 - share;

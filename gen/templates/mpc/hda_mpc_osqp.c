@@ -1,5 +1,5 @@
-/* OSQP on the sparse problem. Its workspace is one for the whole process, so every call brings all data: nothing of another controller is
- * left but the start of the iteration, and after a failure not even that.
+/* OSQP on the sparse problem. Its workspace is one for the whole process, so every call brings all data, and starts from what the same controller
+ * found last; another thread that comes meanwhile is turned away, it does not wait.
  *
  * "No solution" is a finite number in OSQP (2143289344.0): a solution counts only if the status is solved, every number is finite and no
  * larger than a sane one, and the torques lie within their bounds; the states are then recomputed from the torques. */
@@ -17,7 +17,8 @@ enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, SOFT = H
 #define SANE 1e8
 
 static OSQPFloat P[P_ENTRIES], A[A_ENTRIES], q[N * WIDTH], low[N * HEIGHT], high[N * HEIGHT], start[N * WIDTH], dual[N * HEIGHT];
-static int known; /* dual is of a solution */
+static const hda_mpc_solution *known; /* whose solution dual is of */
+static unsigned char taken;           /* a thread is in it */
 
 static void fill(const hda_mpc_qp *qp) {
     const double *from = (const double *)qp;
@@ -105,9 +106,8 @@ static double multipliers(const OSQPFloat *y, hda_mpc_solution *s) {
     return active;
 }
 
-int hda_mpc_osqp(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, int iterations) {
+static int alone(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, int iterations) {
     OSQPSolver *solver = &hda_osqp_solver;
-    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
     OSQPSettings settings = *solver->settings;
     settings.eps_abs = settings.eps_rel = tolerance;
     settings.max_iter = iterations;
@@ -116,14 +116,14 @@ int hda_mpc_osqp(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, in
     if (osqp_update_settings(solver, &settings) || osqp_update_data_mat(solver, P, NULL, P_ENTRIES, A, NULL, A_ENTRIES) ||
         osqp_update_data_vec(solver, q, low, high)) {
         osqp_cold_start(solver);
-        known = 0;
+        known = NULL;
         return HDA_MPC_BROKEN;
     }
-    if (known) osqp_warm_start(solver, start, dual);
+    if (known == s) osqp_warm_start(solver, start, dual);
     else osqp_cold_start(solver);
     osqp_solve(solver);
     const int solved = solver->info->status_val == OSQP_SOLVED, rough = solver->info->status_val == OSQP_MAX_ITER_REACHED || solver->info->status_val == OSQP_SOLVED_INACCURATE;
-    known = solved && sane(solver->solution->x, N * WIDTH) && sane(solver->solution->y, N * HEIGHT);
+    known = solved && sane(solver->solution->x, N * WIDTH) && sane(solver->solution->y, N * HEIGHT) ? s : NULL;
     if (!known) {
         const int keep = rough && sane(solver->solution->x, N * WIDTH);
         if (keep) {
@@ -142,4 +142,12 @@ int hda_mpc_osqp(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, in
     s->factored = (double)solver->info->rho_updates + 1.0;
     s->interior = (double)solver->info->iter;
     return HDA_MPC_SOLVED;
+}
+
+int hda_mpc_osqp(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, int iterations) {
+    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
+    if (__atomic_test_and_set(&taken, __ATOMIC_ACQUIRE)) return HDA_MPC_BUSY;
+    const int status = alone(qp, s, tolerance, iterations);
+    __atomic_clear(&taken, __ATOMIC_RELEASE);
+    return status;
 }

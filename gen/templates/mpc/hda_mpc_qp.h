@@ -43,7 +43,8 @@ typedef struct hda_mpc_qp {
   HDA_STATUS(HDA_MPC_SOLVED, 0, "The problem is solved to tolerance.") \
   HDA_STATUS(HDA_MPC_CAPPED, 1, "The iterations ran out; the torques are legal, the solution is rough.") \
   HDA_STATUS(HDA_MPC_REFUSED, -1, "An entry is not finite or too large, a bound is crossed, or a weight is negative; nothing was solved.") \
-  HDA_STATUS(HDA_MPC_BROKEN, -2, "The factorisation failed: the cost is not convex along the dynamics; nothing was solved.")
+  HDA_STATUS(HDA_MPC_BROKEN, -2, "The factorisation failed: the cost is not convex along the dynamics; nothing was solved.") \
+  HDA_STATUS(HDA_MPC_BUSY, -3, "OSQP's workspace is one for the process, and another thread's controller is in it; nothing was solved.")
 
 #define HDA_STATUS_NAME(name, code, sentence) name = (code),
 enum hda_mpc_solved { HDA_MPC_SOLVED_LIST(HDA_STATUS_NAME) HDA_MPC_SOLVED_END = 1002 };

@@ -8,6 +8,7 @@ enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, HARD = H
 static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
 static const int simple[] = HDA_MPC_SIMPLE;
 
+#define SLIGHT 0.05 /* share of a limit: what is beyond it by less, noise may have moved there */
 #define SLOW 0.2 /* s: a force that comes within it is a collision, one that grows slower is a push */
 
 static int family(int row) {
@@ -36,6 +37,30 @@ void hda_mpc_feel(hda_mpc *k) {
     }
     r->collision = hda_length(r->observed_force[0] - k->expected[0], r->observed_force[1] - k->expected[1]) > k->settings.noise.collision;
     for (int i = 0; i < 2; i++) k->expected[i] += k->guard.config.period / SLOW * (r->observed_force[i] - k->expected[i]);
+}
+
+/* Whether a path's point is farther than the arm is long, or beyond the range of a joint. */
+static int unreached(const hda_mpc *k, const double *path) {
+    if (HDA_MPC_JOINT_SPACE) {
+        for (int j = 0; j < NU; j++)
+            if (path[j] < k->settings.position_low[j] || path[j] > k->settings.position_high[j]) return 1;
+        return 0;
+    }
+    double points[2 * (NU + 1)], q[NU], length = 0.0;
+    for (int j = 0; j < NU; j++) q[j] = k->x[simple[j]];
+    hda_points(q, k->c, points);
+    for (int i = 0; i < NU; i++) length += hda_length(points[2 * i + 2] - points[2 * i], points[2 * i + 3] - points[2 * i + 1]);
+    return HDA_MPC_TURNING && hda_length(path[0] - points[0], path[1] - points[1]) > length;
+}
+
+int hda_mpc_beside(const hda_mpc *k, const double *path) {
+    double y[HDA_MPC_NY], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
+    hda_mpc_look(k, k->x, y, Y, g, G);
+    for (int row = HARD; row < ROWS; row++) {
+        const double value = row < HARD + SIMPLES ? k->x[simple[row - HARD]] : g[row - HARD - SIMPLES];
+        if (over(k, row, value) > SLIGHT * k->size[row] * k->unit[row]) return HDA_MPC_OUTSIDE;
+    }
+    return unreached(k, path) ? HDA_MPC_UNREACHED : 0;
 }
 
 void hda_mpc_say(hda_mpc *k) {

@@ -6,9 +6,9 @@
 
 enum {
     HDA_MPC_ROUNDS = 6,   /* factorisations of the active set */
-    HDA_MPC_POLISHES = 2, /* the same after the interior point */
+    HDA_MPC_POLISHES = 8, /* the same after the interior point */
     HDA_MPC_REFINES = 5,  /* solutions with one factorisation */
-    HDA_MPC_INTERIOR = 40 /* iterations of the interior point */
+    HDA_MPC_INTERIOR = 30 /* iterations of the interior point from one start; it has two */
 };
 
 /* Eight rows side by side. */
@@ -39,7 +39,9 @@ typedef struct hda_mpc_work {
     hda_mpc_side side[2]; /* of high, of low */
     hda_mpc_wide linear[HDA_MPC_BLOCKS], square[HDA_MPC_BLOCKS], soft[HDA_MPC_BLOCKS];
     double pairs, unmet;
-    int rounds, ready;    /* iterations of the interior point; whether f belongs to set */
+    int rounds, ready;    /* iterations of the interior point; what f belongs to, see expect() in hda_mpc_active.c */
+    int jams;             /* short steps in a row that the interior point bears */
+    int changed;          /* rows that came or went in the last solution */
     int set[HDA_MPC_ALL]; /* 0 free, 1 at high, 2 beyond high, -1 at low, -2 beyond low */
 } hda_mpc_work;
 
@@ -59,8 +61,8 @@ int hda_mpc_osqp(const hda_mpc_qp *qp, hda_mpc_solution *solution, double tolera
 /* Whether every entry may be solved with. */
 int hda_mpc_legal(const hda_mpc_qp *qp);
 
-/* The interior point's beginning: 0, or -1 where the factorisation failed. */
-int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w);
+/* The interior point's beginning, wide: far from every bound. 0, or -1 where the factorisation failed. */
+int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w, int wide);
 
 /* The same from the plan as it is (no change of torque) and multipliers of its rows. */
 int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y);

@@ -61,12 +61,14 @@ static void rows(hda_mpc *k) {
 /* Penalties, in the cost's normalised units, by each row's size. */
 static void penalties(hda_mpc *k) {
     const hda_mpc_settings *s = &k->settings;
+    for (int row = 0; row < ROWS; row++) {
+        k->size[row] = 0.5 * (k->limits[row][1] - k->limits[row][0]);
+        if (row >= HARD + SIMPLES + HDA_MPC_FLEXIBLE) k->size[row] = row == HARD + SIMPLES + HDA_MPC_FLEXIBLE ? s->tip_speed : 0.02; /* m, of a wall */
+    }
     for (int e = 0; e < HDA_MPC_ALL; e++) {
         const int row = e % ROWS;
-        double size = 0.5 * (k->limits[row][1] - k->limits[row][0]);
-        if (row >= HARD + SIMPLES + HDA_MPC_FLEXIBLE) size = row == HARD + SIMPLES + HDA_MPC_FLEXIBLE ? s->tip_speed : 0.02; /* m, of a wall */
-        k->qp.linear[e] = row < HARD ? 10.0 * HDA_MPC_FREE : s->penalty_linear / size;
-        k->qp.square[e] = row < HARD ? 0.0 : s->penalty_square / (size * size);
+        k->qp.linear[e] = row < HARD ? 10.0 * HDA_MPC_FREE : s->penalty_linear / k->size[row];
+        k->qp.square[e] = row < HARD ? 0.0 : s->penalty_square / (k->size[row] * k->size[row]);
     }
 }
 

@@ -1,0 +1,56 @@
+"""The step that damped springs allow: a dashpot d between rotor and link decays at d (1/M + 1/(N² J)).
+
+RK4 carries a decay only up to 2.78 a step. A robot file that its own step does not carry is refused at the build; a
+diagnosis or a user may ask for more damping afterwards, and would see the model fly apart.
+
+Legend: d damping, N m s/rad; M, J inertia of link and rotor, kg m²; N ratio; p parameters (np).
+Source: Hairer, Wanner, Solving Ordinary Differential Equations II (1996), IV.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from hdagen.plant import Arm, Array
+
+STABLE = 2.5  # of the decay a step, with a margin
+BEYOND = 1.5  # times the robot file's own damping, which the build has looked at, up to which it counts for nothing
+POSES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Damping:
+    """``places`` of the springs' damping in p; ``looseness`` 1/M + 1/(N² J) of each, the largest over poses,
+    1/(kg m²); ``usual``: the decay that the robot file's own damping makes at most, 1/s."""
+
+    places: tuple[int, ...]
+    looseness: Array
+    usual: float
+
+    @classmethod
+    def of(cls, arm: Arm) -> Damping:
+        """That of an arm as its robot file describes it."""
+        flexible, described = arm.manifest["flexible"], arm.parameters.described
+        if not flexible:
+            return cls((), np.zeros(0), 0.0)
+        names, nominal = list(described), np.array([q.nominal for q in described.values()])
+        kept = arm.p
+        arm._prepare(nominal)
+        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, arm.n))
+        inverse = np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n))
+        arm._prepare(kept)
+        own = np.diagonal(inverse, axis1=1, axis2=2).max(0)[[j - 1 for j in flexible]]
+        rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
+        places = tuple(names.index(f"torsional_damping_{j}") for j in flexible)
+        looseness = np.asarray(own + 1.0 / np.array(rotors))
+        return cls(places, looseness, float(looseness @ nominal[list(places)]))
+
+    def longest_step(self, p: Array) -> float:
+        """What RK4 carries with parameters ``p``, s: the joints' decays are added, which bounds the fastest; inf where
+        that is not beyond the robot file's own."""
+        decay = float(self.looseness @ p[list(self.places)])
+        return STABLE / decay if decay > BEYOND * self.usual else np.inf

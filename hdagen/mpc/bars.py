@@ -1,0 +1,113 @@
+"""The bars of the predictive controller: everything measured in one go, each figure beside what it has to reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.mpc import comparison, converged, scaling, timing
+from hdagen.mpc.comparison import Comparison, RandomRun
+from hdagen.mpc.converged import Loop
+from hdagen.mpc.scaling import Box, Scaling
+from hdagen.mpc.timing import Timing
+
+RUNS = 20  # random runs, unless told otherwise
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A figure and what it has to reach; ``kind`` "least" or "most"."""
+
+    name: str
+    kind: str
+    asked: float
+    reached: float
+
+    @property
+    def met(self) -> bool:
+        """Whether it does."""
+        return self.reached >= self.asked if self.kind == "least" else self.reached <= self.asked
+
+
+@dataclass(frozen=True)
+class Bench:
+    """All of it; what --quick leaves out is None or empty."""
+
+    timing: Timing
+    scaling: Scaling | None
+    box: Box | None
+    loops: tuple[Loop, ...]
+    comparison: Comparison | None
+    runs: tuple[RandomRun, ...]
+    bars: tuple[Bar, ...]
+
+
+def bench(profile: str, quick: bool, runs: int, say: Callable[[str], None]) -> Bench:
+    """Measure and judge. Raises PlantError."""
+    timed = timing.bench(profile, 3.0 if quick else 8.0, 10 if quick else 5, say)
+    if quick:
+        return Bench(timed, None, None, (), None, (), _timed(timed))
+    sizes, boxed = scaling.scaling(profile, say), scaling.box(profile)
+    loops = converged.loops(profile, say)
+    compared, driven = comparison.compare(profile, say), []
+    for one in comparison.random_runs(runs, compared.tuned.gains, profile):
+        driven.append(one)
+        say(f"random run {len(driven)} of {runs}")
+    bars = (*_timed(timed), *_grown(sizes), *_followed(loops, compared, tuple(driven)))
+    return Bench(timed, sizes, boxed, loops, compared, tuple(driven), bars)
+
+
+def _timed(found: Timing) -> tuple[Bar, ...]:
+    whole, by_name = found.phases[2], {t.name: t for t in found.solvers}
+    return (
+        Bar("osqp at 1e-3 over riccati", "least", 10.0, by_name["osqp at 0.001"].median / by_name["riccati"].median),
+        Bar("p99 of a tick over its median", "most", 6.0, whole.p99 / whole.median),
+        Bar("active rows on average", "least", 10.0, sum(found.active.values())),
+    )
+
+
+def _grown(found: Scaling) -> tuple[Bar, ...]:
+    nodes, joints = (max(exponents[k] for exponents in found.exponents.values()) for k in range(2))
+    return (
+        Bar("exponent of the cost in nodes", "most", scaling.LINEAR, nodes),
+        Bar("exponent of the cost in joints", "most", scaling.CUBIC, joints),
+    )
+
+
+def _followed(loops: tuple[Loop, ...], found: Comparison, runs: tuple[RandomRun, ...]) -> tuple[Bar, ...]:
+    out = [Bar("closed loop over the converged problem's", "most", converged.BAR, max(loop.more for loop in loops))]
+    free = {name: float(np.median(values)) for name, values in found.free.items()}
+    out.append(
+        Bar(
+            f"distance over the admittance law's, no limit near, median of {comparison.SEEDS} seeds",
+            "most",
+            1.0,
+            free["mpc"] / free[comparison.LAWS[1]],
+        )
+    )
+    if runs:
+        ratios = np.array([one.free.distance / one.admittance.distance for one in runs])
+        out += [
+            Bar(f"the same, median of {len(runs)} random runs", "most", 1.0, float(np.median(ratios))),
+            Bar("the same, largest", "most", 1.1, float(ratios.max())),
+            Bar("random runs with legal inputs, share", "least", 1.0, float(np.mean([one.legal for one in runs]))),
+            Bar("random runs with soft limits kept, share", "least", 1.0, float(np.mean([one.kept for one in runs]))),
+        ]
+    return tuple(out)
+
+
+def lines(found: Bench) -> list[str]:
+    """What to print."""
+    out = timing.lines(found.timing)
+    if found.scaling is not None and found.box is not None:
+        out += scaling.lines(found.scaling, found.box)
+    out += converged.lines(found.loops) if found.loops else []
+    out += comparison.lines(found.comparison, found.runs) if found.comparison else []
+    for bar in found.bars:
+        bound = "at least" if bar.kind == "least" else "at most"
+        missed = bar.reached / bar.asked if bar.kind == "most" else bar.asked / bar.reached if bar.reached else np.inf
+        verdict = "met" if bar.met else f"missed by {missed - 1:.0%}"
+        out.append(f"bar: {bar.name} {bound} {bar.asked:g}: {bar.reached:.3g}, {verdict}")
+    return out

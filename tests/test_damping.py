@@ -1,0 +1,60 @@
+"""Springs that are damped far beyond the robot file: rollouts take shorter steps and stay where finer ones are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hdagen.plant import Arm, load
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return load("paper")
+
+
+def swung(arm: Arm, most: float) -> np.ndarray:
+    """Joint angles each ms of a push on joint 2."""
+    u = np.zeros((200, arm.nu))
+    u[:, 1] = 2.0 * np.sin(0.04 * np.arange(200))
+    path = arm.rollout(np.zeros(arm.nx), u, 1e-3, exact=True, most=most)
+    return path[:, [arm.index(f"joint_position_{j}") for j in (1, 2)]]
+
+
+def test_a_rollout_with_much_damping_is_that_of_fine_steps(arm: Arm) -> None:
+    kept = arm.p.copy()
+    try:
+        arm.parameters["torsional_damping_2"] = 19.0 * arm.parameters["torsional_damping_2"]
+        assert arm.damping.longest_step(arm.p) < 1e-3
+        coarse, fine = swung(arm, 1e-3), swung(arm, 2e-5)
+        assert np.abs(fine).max() > 1e-3
+        np.testing.assert_allclose(coarse, fine, atol=1e-4 * np.abs(fine).max())
+    finally:
+        arm._prepare(kept)
+
+
+def test_the_robot_files_own_damping_takes_the_robots_step(arm: Arm) -> None:
+    assert arm.damping.longest_step(arm.p) == np.inf
+    assert load("emps").damping.longest_step(load("emps").p) == np.inf  # rigid
+
+
+def test_the_bound_is_that_of_the_linear_model(arm: Arm) -> None:
+    """The fastest decay of rotor and link at rest, by eigenvalues of the linear model, is no faster than what is said."""
+    kept = arm.p.copy()
+    try:
+        for j in (1, 2):
+            arm.parameters[f"torsional_damping_{j}"] = 15.0 * arm.parameters[f"torsional_damping_{j}"]
+        x, u = np.zeros(arm.nx), np.zeros(arm.nu)
+        h, columns = 1e-7, []
+        for k in range(arm.nx):
+            ends = []
+            for side in (h, -h):
+                moved = x.copy()
+                moved[k] += side
+                ends.append(arm.evaluate("rhs_exact", x=moved, u=u, sliding=np.ones(arm.n))["rate"])
+            columns.append((ends[0] - ends[1]) / (2 * h))
+        fastest = float(np.abs(np.linalg.eigvals(np.stack(columns, -1).reshape(arm.nx, arm.nx)).real).max())
+        assert fastest * arm.damping.longest_step(arm.p) <= 2.6
+        assert fastest * arm.damping.longest_step(arm.p) > 0.3
+    finally:
+        arm._prepare(kept)
