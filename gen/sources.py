@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from gen import headers, native
+from gen import headers, loops, native
 from gen.description import canonical
 from gen.effect import Effect
 from gen.emit import preparation, scalar_function
@@ -117,5 +117,6 @@ def texts(
     if lanes:
         files["hda_native.c"] = native.functions(graphs)
         files["hda_batch_rhs.h"] = native.batch(graphs)
+        files["hda_loops_laws.h"] = loops.header(graphs, made.laws)
     files["manifest.json"] = json.dumps(manifest(made, effects, build, how), indent=1, sort_keys=True) + "\n"
     return files

@@ -86,7 +86,7 @@ class Controller:
         if law not in laws:
             raise PlantError(f"no controller named {law}; there are {', '.join(laws)}.")
         self.arm, self.law, self.guard = arm, law, guard
-        self._number, self.described = laws[law]
+        self.number, self.described = laws[law]
         self.gains = {g["name"]: float(g["nominal"]) for g in self.described["gains"]}
         self.reference_names = tuple(self.described["reference"])
         module, n = arm.module, arm.n
@@ -143,7 +143,7 @@ class Controller:
         numbers = np.zeros(self.arm.module.length("controller_configure", "gains"))
         numbers[: len(wanted)] = list(wanted.values())
         whole = np.array([guard.safe.value, guard.stale_stamp_ticks, guard.stale_bits_ticks], np.int32)
-        law = np.array([self._number], np.int32)
+        law = np.array([self.number], np.int32)
         call = (self._context, law, self.arm.p.copy(), numbers, whole, limits, self._status)
         configure = self.arm.module.bind("controller_configure", *call)
         configure.run()
@@ -160,6 +160,12 @@ class Controller:
         the next run of a simulation or a machine at standstill; after a fault `recover` goes on without a jump."""
         self._context[:] = 0
         self._configure.run()
+
+    def torque_limits(self) -> tuple[Array, Array]:
+        """Largest torque (n, N m) and torque rate (n, N m/s) of the guard."""
+        n = self.arm.n
+        limits = self._limits(self.guard, [])
+        return limits[5 : 5 + n], limits[5 + n : 5 + 2 * n]
 
     def _limits(self, guard: Guard, problems: list[str]) -> Array:
         """The guard's numbers in the order of hda_bridge.h; what is wrong with them is added to ``problems``."""

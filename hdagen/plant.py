@@ -323,10 +323,10 @@ class Arm:
         load = self.evaluate("gravity_torque", q=joint)["g"] if torque is None else vector(torque, self.n, "torque")
         twist = self.evaluate("torsion", joint_torque=load)["torsion"]
         x = np.zeros(self.nx)
-        for j in range(1, self.n + 1):
-            x[self.index(f"joint_position_{j}")] = joint[j - 1]
-            if j in self.manifest["flexible"]:
-                x[self.index(f"motor_position_{j}")] = (joint[j - 1] + twist[j - 1]) * self.parameters[f"ratio_{j}"]
+        x[[self.index(f"joint_position_{j}") for j in range(1, self.n + 1)]] = joint
+        for j in self.manifest["flexible"] * 4:  # the last times for angles that effects add to the torsion
+            off = self.outputs(x, np.zeros(self.nu))["torsion"][j - 1] - twist[j - 1]
+            x[self.index(f"motor_position_{j}")] -= off * self.parameters[f"ratio_{j}"] * (abs(off) > 1e-12)
         return x
 
     # -- checks -----------------------------------------------------------------------------------------------------

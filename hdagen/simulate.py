@@ -106,15 +106,15 @@ def run(
     q0 = posture(arm, reference.position[0], near) if reference.space == "tip" else reference.position[0]
     wanted = fitting(controller, reference, q0)
     rows, count = controller.rows(wanted), len(reference.position)
-    push = _forces(pushes, reference.time)
-    scheme = _errors(arm, sensors or Sensors())
+    push = forces(pushes, reference.time)
+    scheme = errors(arm, sensors or Sensors())
     if not isinstance(seed, int) or seed < 0:
         raise PlantError(f"the seed is a whole number from 0, not {seed}.")
     random = np.random.default_rng(seed)
     noise = random.normal(size=(count, 2)) * scheme.force_noise
     felt = push + noise
     seen, state, torque, shown, status = _loop(arm, controller, rows, push, felt, q0, scheme, progress, world)
-    commanded = torque / _constants(arm)
+    commanded = torque / constants(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
     measured = shown + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)
     columns: dict[str, Array] = {}
@@ -132,14 +132,17 @@ def run(
 
 
 @dataclass(frozen=True)
-class _Errors:
+class Errors:
+    """Every sensor's errors; ``delay`` in ticks."""
+
     resolution: Array  # of θ then q
     current_noise: Array
     force_noise: float
     delay: int
 
 
-def _errors(arm: Arm, sensors: Sensors) -> _Errors:
+def errors(arm: Arm, sensors: Sensors) -> Errors:
+    """What ``sensors`` do, each number taken from the robot file where it is not given. Raises PlantError."""
     joints = arm.robot["joints"]
     chosen = []
     for given, key in (
@@ -155,7 +158,7 @@ def _errors(arm: Arm, sensors: Sensors) -> _Errors:
         raise PlantError(f"delay is a whole number of ticks from 0, not {sensors.delay}.")
     if not 0 <= sensors.force_noise < np.inf:
         raise PlantError(f"force_noise must be finite and not negative, N, not {sensors.force_noise}.")
-    return _Errors(np.concatenate(chosen[:2]), chosen[2], sensors.force_noise, int(sensors.delay))
+    return Errors(np.concatenate(chosen[:2]), chosen[2], sensors.force_noise, int(sensors.delay))
 
 
 def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> None:
@@ -171,12 +174,13 @@ def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> No
         )
 
 
-def _constants(arm: Arm) -> Array:
+def constants(arm: Arm) -> Array:
     """Motor torque per unit of input (n)."""
     return np.array([arm.parameters.get(f"torque_constant_{j}", 1.0) for j in range(1, arm.n + 1)])
 
 
-def _forces(pushes: Sequence[Push], time: Array) -> Array:
+def forces(pushes: Sequence[Push], time: Array) -> Array:
+    """The pushes together at each time (T, 2), N. Raises PlantError."""
     total = np.zeros((len(time), 2))
     for push in pushes:
         if not (np.isfinite([push.start, push.end, *push.force]).all() and push.start < push.end):
@@ -192,7 +196,7 @@ def _loop(
     push: Array,
     felt: Array,
     q0: Array,
-    scheme: _Errors,
+    scheme: Errors,
     progress: Callable[[int, int], None] | None,
     world: World | None,
 ) -> tuple[Array, Array, Array, Array, NDArray[np.int32]]:
@@ -205,7 +209,7 @@ def _loop(
     shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
     outputs = {name: np.empty(length) for name, length in shapes}
     look = arm.module.bind("outputs", x, u, arm.c, *outputs.values())
-    constants, stage = _constants(arm), InputStage(arm, np.zeros(n))
+    unit, stage = constants(arm), InputStage(arm, np.zeros(n))
     seen, state = np.empty((count, 2 * n)), np.empty((count, arm.nx))
     torque, shown, status = np.empty((count, n)), np.empty((count, n)), np.empty(count, np.int32)
     step = np.where(scheme.resolution > 0, scheme.resolution, 1.0)
@@ -228,7 +232,7 @@ def _loop(
         status[k] = controller.tick(k * period, stamp=(k - scheme.delay) * period)
         torque[k] = controller.torque
         shown[k] = stage.end
-        u[:n], u[n:] = stage.step(torque[k] / constants, period), push[k]
+        u[:n], u[n:] = stage.step(torque[k] / unit, period), push[k]
         for _ in range(steps):
             plant.run()
         if progress is not None and k % 500 == 0:

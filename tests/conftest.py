@@ -11,6 +11,7 @@ import pytest
 from compiled import Compiled, load
 
 from gen.build import build as make
+from hdagen.paper.prototype import ROBOT, TABLE_1, Bench
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -55,6 +56,12 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
         return made[key]
 
     return built
+
+
+@pytest.fixture(scope="session")
+def bench(build: Callable[..., Compiled]) -> Bench:
+    """The paper's virtual prototype with its builds, native; runs that tests share are made once."""
+    return Bench(folders={robot: build(robot, "native").folder for robot in (ROBOT, TABLE_1)})
 
 
 @pytest.fixture(scope="session")

@@ -20,8 +20,9 @@ DATA = Path(os.environ.get("HDAGEN_DATA", ROOT.parent / "shared" / "data"))
 DFKI = ("1.0", "1.1", "2.0", "3.0")
 
 
-def test_there_are_all_seven() -> None:
-    assert set(presets()) == {"paper_table1", "paper", "emps", *(f"dfki_{m.replace('.', '_')}" for m in DFKI)}
+def test_there_are_all_nine() -> None:
+    paper = {"paper", "paper_table1", "paper_prototype", "paper_three_joints"}
+    assert set(presets()) == {*paper, "emps", *(f"dfki_{m.replace('.', '_')}" for m in DFKI)}
 
 
 @pytest.mark.parametrize("name", presets())

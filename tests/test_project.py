@@ -238,7 +238,9 @@ def test_what_the_code_imports_is_what_pyproject_asks_for() -> None:
     extras = PROJECT["project"]["optional-dependencies"]
     for_tests = needed | names(extras["test"])
     assert imported("gen") <= {IMPORTED_AS.get(name, name) for name in needed}
-    assert imported("hdagen") <= {IMPORTED_AS.get(name, name) for name in needed | names(extras["blind"])}
+    assert imported("hdagen") <= {
+        IMPORTED_AS.get(name, name) for name in needed | names(extras["blind"]) | names(extras["paper"])
+    }
     assert imported("tests") <= {IMPORTED_AS.get(name, name) for name in for_tests}
 
 

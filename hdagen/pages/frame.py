@@ -96,11 +96,18 @@ def drawing(layout: Layout, width: float, height: float, description: str, *chil
     )
 
 
-def rows_table(columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
-    """A table of ready text; the first column names the row."""
-    head = tag("tr", *(tag("th", escape(name), scope="col") for name in columns))
+def rows_table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", sentences: Sequence[str] = ()
+) -> str:
+    """A table of ready text; the first column names the row. Columns named in ``sentences`` break their lines."""
+    words = ["words" if name in sentences else None for name in columns]
+    head = tag("tr", *(tag("th", escape(name), scope="col", class_=k) for name, k in zip(columns, words, strict=True)))
     body = [
-        tag("tr", tag("th", escape(row[0]), scope="row"), *(tag("td", escape(cell)) for cell in row[1:]))
+        tag(
+            "tr",
+            tag("th", escape(row[0]), scope="row", class_=words[0]),
+            *(tag("td", escape(cell), class_=k) for cell, k in zip(row[1:], words[1:], strict=True)),
+        )
         for row in rows
     ]
     title = tag("caption", escape(caption)) if caption else ""

@@ -12,9 +12,16 @@ Cell = str | float | int | bool | None
 
 
 def table(
-    title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]], *, digits: int = 4, caption: str = ""
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[Cell]],
+    *,
+    digits: int = 4,
+    caption: str = "",
+    sentences: Sequence[str] = (),
 ) -> str:
-    """``rows`` of words and numbers under ``columns``; numbers to ``digits`` significant digits, None is a dash.
+    """``rows`` of words and numbers under ``columns``; numbers to ``digits`` significant digits, None is a dash; the
+    columns named in ``sentences`` hold text that breaks its lines.
 
     The CSV holds the numbers in full. ValueError where a row does not have one cell for every column.
     """
@@ -25,7 +32,9 @@ def table(
             )
     written = [[_written(cell, digits) for cell in row] for row in rows]
     data = {"rows": [list(columns), *([_sent(cell) for cell in row] for row in rows)]}
-    return frame.figure("table", title, frame.rows_table(columns, written), caption=caption, data=data)
+    return frame.figure(
+        "table", title, frame.rows_table(columns, written, sentences=sentences), caption=caption, data=data
+    )
 
 
 def _written(cell: Cell, digits: int) -> str:

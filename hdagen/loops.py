@@ -1,0 +1,116 @@
+"""Closed loops by the thousand: one controller with many sets of gains against the compiled arm, as many at once as a
+vector has lanes, controller and sensors inside.
+
+A set is simulated as `simulate.run` does it, with encoders that count, a force sensor with noise, delays, the input
+effects of the model and the guard's limits of torque and rate; dry friction has the smooth sign, and faults of the
+guard are not looked for. Sets share reference, pushes and noise, so that what differs comes from the gains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hdagen.control import Controller
+from hdagen.plant import Arm, Array, PlantError
+from hdagen.reference import Reference, fitting, posture
+from hdagen.simulate import Push, Sensors, constants, errors, forces
+
+LATEST = 16  # ticks of delay, as the library holds them
+Judge = Callable[[Array, Array], Array]  # tip (T, W, 2, m) and torques sent (T, W, n, N m) -> (W, k)
+
+
+def closed_loops(
+    arm: Arm,
+    controller: Controller,
+    reference: Reference,
+    gains: Mapping[str, ArrayLike],
+    judge: Judge,
+    pushes: Sequence[Push] = (),
+    sensors: Sensors | None = None,
+    seed: int = 0,
+    start: ArrayLike | None = None,
+    threads: int = 2,
+) -> Array:
+    """What ``judge`` says of each set, (B, k).
+
+    ``gains``: name -> (B,), the others as the controller has them; ``controller`` gives law, guard and model of the
+    arm. ``judge`` is called with the trajectories of a few sets at once, from ``threads`` threads. ``start`` as in
+    `simulate.run`. Raises PlantError.
+    """
+    table = _table(controller, gains)
+    scheme = errors(arm, sensors or Sensors())
+    if scheme.delay > LATEST:
+        raise PlantError(f"a delay of {scheme.delay} ticks is more than closed loops in lanes take, {LATEST}.")
+    near = np.full(arm.n, 0.6) if start is None else np.asarray(start, float)
+    q0 = posture(arm, reference.position[0], near) if reference.space == "tip" else reference.position[0]
+    rows = controller.rows(fitting(controller, reference, q0))
+    push = forces(pushes, reference.time)
+    felt = push + np.random.default_rng(seed).normal(size=push.shape) * scheme.force_noise
+    period = controller.guard.period
+    steps = max(1, int(np.ceil(period / arm.step_size - 1e-9)))
+    limits = np.concatenate(controller.torque_limits())
+    settings = np.concatenate([[period, steps, scheme.delay], scheme.resolution, limits, constants(arm)])
+    group = _Group(arm, controller, rows, push, felt, arm.rest(q0), settings)
+    width = arm.module.batch_width
+    firsts = range(0, len(table), width)
+    with ThreadPoolExecutor(threads) as pool:
+        found = list(pool.map(lambda first: judge(*group.run(table[first : first + width])), firsts))
+    return np.concatenate(found)
+
+
+def _table(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:
+    """The gains of every set, (B, number of the law's gains)."""
+    bounds = {gain["name"]: gain for gain in controller.described["gains"]}
+    columns = {name: np.atleast_1d(np.asarray(values, float)) for name, values in gains.items()}
+    problems = [
+        f"{controller.law}: no gain named {name}; there are {', '.join(bounds)}."
+        for name in columns
+        if name not in bounds or name == "period"
+    ]
+    sizes = {column.shape for column in columns.values()}
+    if len(sizes) != 1 or len(next(iter(sizes))) != 1 or not next(iter(sizes))[0]:
+        problems.append("closed loops take one or more sets: arrays of one length, one for each gain that varies.")
+    for name, values in columns.items():
+        if name in bounds:
+            low, high, unit = (bounds[name][key] for key in ("low", "high", "unit"))
+            if not ((values >= low) & (values <= high)).all():
+                problems.append(f"{controller.law}: gain {name} leaves {low:g} to {high:g} {unit}; keep it inside.")
+    if problems:
+        raise PlantError("\n".join(problems))
+    count = len(next(iter(columns.values())))
+    every = {**{name: np.full(count, value) for name, value in controller.gains.items()}, **columns}
+    return np.stack([every[name] for name in controller.gains], axis=1)
+
+
+class _Group:
+    """The sets that share a vector, from beginning to end."""
+
+    def __init__(
+        self, arm: Arm, controller: Controller, rows: Array, push: Array, felt: Array, x0: Array, settings: Array
+    ) -> None:
+        self.arm, self.number, self.x0, self.settings = arm, controller.number, x0, settings
+        module = arm.module
+        self.known = controller.arm.c.copy()
+        self.push, self.felt = push, felt
+        self.widest = module.length("loops_tick", "tip") // 2
+        self.gains = module.length("loops_begin", "gains") // self.widest
+        self.rows = np.zeros((len(rows), module.length("loops_tick", "reference")))
+        self.rows[:, : rows.shape[1]] = rows
+
+    def run(self, table: Array) -> tuple[Array, Array]:
+        """Tip (T, W, 2) and torques sent (T, W, n) of the sets in ``table`` (W, gains)."""
+        module, count = self.arm.module, len(self.rows)
+        context = np.zeros(module.length("loops_tick", "loops"), np.uint8)
+        own = np.zeros((self.widest, self.gains))
+        own[:, : table.shape[1]] = table[np.minimum(np.arange(self.widest), len(table) - 1)]
+        status, law = np.zeros(1, np.int32), np.array([self.number], np.int32)
+        begin = (context, law, self.x0, own.ravel(), self.settings, self.arm.c, status)
+        module.bind("loops_begin", *begin).run()
+        assert status[0] == 0
+        tip, sent = np.empty((count, self.widest, 2)), np.empty((count, self.widest, self.arm.n))
+        module.map("loops_tick", count, context, self.rows, self.push, self.felt, self.arm.c, self.known, tip, sent)
+        return tip[:, : len(table)], sent[:, : len(table)]

@@ -1,0 +1,189 @@
+"""A result as SVG and PNG: the parts in the paper's layout, with the colours and units of the pages."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hdagen.pages.axis import fit
+from hdagen.pages.frame import text_width
+from hdagen.pages.palette import COLORS, CYCLE, DASH_CYCLE, DASHES, SEQUENTIAL
+from hdagen.pages.quantity import Quantity, number
+from hdagen.paper.result import Axes, Curve, Grid, Map, Part, Result
+from hdagen.plant import PlantError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Plot
+
+WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a part alone, a row of parts, a row of a table
+MOST = 4000  # samples of a curve; each stretch keeps its smallest and its largest
+STYLE: Any = {
+    "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": 7.5,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.35, "grid.linewidth": 0.5,
+    "font.family": "DejaVu Sans", "figure.dpi": 100, "savefig.facecolor": "white",
+}  # fmt: skip
+
+
+def needed() -> None:
+    """PlantError where what draws is missing."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise PlantError(
+            "figures are drawn by matplotlib, which is not installed; pip install 'hdagen[paper]' brings it."
+        )
+
+
+def drawn(result: Result) -> tuple[bytes, bytes]:
+    """SVG and PNG. Raises PlantError where matplotlib is missing."""
+    needed()
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows = _rows(result)
+    columns = max(len(row) for row in rows)
+    wide = WIDTH * columns if columns > 1 else WIDE
+    heights = [max(_height(part) for part in row) for row in rows]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(wide, sum(heights) + 0.3), layout="constrained")
+        FigureCanvasAgg(figure)
+        grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
+        for k, row in enumerate(rows):
+            for at, part in enumerate(row):
+                _draw(figure.add_subplot(grid[k, :] if len(row) == 1 else grid[k, at]), part, wide)
+        svg, png = io.BytesIO(), io.BytesIO()
+        figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "hdagen"})
+        figure.savefig(png, format="png", dpi=150, metadata={"Software": "hdagen"})
+    return svg.getvalue(), png.getvalue()
+
+
+def _rows(result: Result) -> list[list[Part]]:
+    """The parts row by row; a table has a row of its own."""
+    rows: list[list[Part]] = []
+    for part in result.parts:
+        full = not rows or len(rows[-1]) == result.columns or isinstance(rows[-1][-1], Grid)
+        if full or isinstance(part, Grid):
+            rows.append([])
+        rows[-1].append(part)
+    return rows
+
+
+def _height(part: Part) -> float:
+    if isinstance(part, Grid):
+        return 0.5 + GRID_ROW * (len(part.rows) + 1)
+    return WIDTH * 0.85 if isinstance(part, Axes) and part.equal else HEIGHT
+
+
+def _draw(plot: Plot, part: Part, wide: float) -> None:
+    if isinstance(part, Grid):
+        _grid(plot, part, wide)
+    elif isinstance(part, Map):
+        _map(plot, part)
+    else:
+        _axes(plot, part)
+
+
+def _axes(plot: Plot, part: Axes) -> None:
+    columns = [[np.asarray(getattr(curve, side), float) for curve in part.curves] for side in "xy"]
+    if part.equal:  # in one unit
+        columns = [[*columns[0], *columns[1]]] * 2
+    across = fit(part.x_label, columns[0], log=part.log_x).quantity
+    up = fit(part.y_label, columns[1], log=part.log_y).quantity
+    for at, curve in enumerate(part.curves):
+        _curve(plot, curve, at, across, up)
+    for begin, end, words in part.bands:
+        plot.axvspan(begin * across.factor, end * across.factor, color="#1b1f24", alpha=0.07, linewidth=0)
+        height = (begin * across.factor, 0.99)
+        plot.annotate(words, height, xycoords=("data", "axes fraction"), fontsize=7, va="top", alpha=0.75)
+    for x, y, words in part.marks:
+        plot.plot([x * across.factor], [y * up.factor], "o", color="#1b1f24", markersize=4, fillstyle="none")
+        plot.annotate(words, (x * across.factor, y * up.factor), (5, 4), textcoords="offset points", fontsize=7)
+    plot.set_xscale("log" if part.log_x else "linear")
+    plot.set_yscale("log" if part.log_y else "linear")
+    if part.equal:
+        plot.set_aspect("equal", adjustable="datalim")
+    plot.set_title(part.heading, loc="left", fontweight="bold")
+    plot.set_xlabel(across.label)
+    plot.set_ylabel(up.label)
+    if any(curve.label for curve in part.curves):
+        plot.legend(loc="best", framealpha=0.85, borderpad=0.3, handlelength=2.2)
+
+
+def _curve(plot: Plot, curve: Curve, at: int, across: Quantity, up: Quantity) -> None:
+    x, y = _thinned(np.asarray(curve.x, float), np.asarray(curve.y, float))
+    color = COLORS[curve.color or CYCLE[at % len(CYCLE)]][0]
+    pattern = DASHES[curve.dash or DASH_CYCLE[at % len(DASH_CYCLE)]]
+    style: Any = "-" if pattern is None else (0, tuple(float(v) / curve.width for v in pattern.split()))
+    if curve.draw == "points":
+        plot.plot(x * across.factor, y * up.factor, ".", color=color, markersize=3 * curve.width, label=curve.label)
+        return
+    steps = "steps-post" if curve.draw == "step" else "default"
+    plot.plot(
+        x * across.factor, y * up.factor, color=color, linestyle=style, linewidth=curve.width, drawstyle=steps,
+        label=curve.label,
+    )  # fmt: skip
+
+
+def _thinned(x: Any, y: Any) -> tuple[Any, Any]:
+    """At most MOST samples: of every stretch the smallest and the largest."""
+    if len(x) <= MOST:
+        return x, y
+    ends = np.linspace(0, len(x), MOST // 2 + 1).astype(int)
+    rows = [k for a, b in pairwise(ends) for k in sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})]
+    return x[rows], y[rows]
+
+
+def _map(plot: Plot, part: Map) -> None:
+    from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.ticker import NullFormatter
+
+    values = np.asarray(part.values, float)
+    unit = fit(part.value_label, [values], margin=0.0).quantity
+    shades = LinearSegmentedColormap.from_list("pages", SEQUENTIAL)
+    mesh = plot.pcolormesh(np.asarray(part.x), np.asarray(part.y), values * unit.factor, cmap=shades, rasterized=True)
+    figure = plot.figure
+    figure.colorbar(mesh, ax=plot, label=unit.label)
+    plot.grid(visible=False)
+    plot.set_xscale("log" if part.log_x else "linear")
+    plot.set_yscale("log" if part.log_y else "linear")
+    plot.set_title(part.heading, loc="left", fontweight="bold")
+    for label, edges, log, axis in (
+        (part.x_label, part.x, part.log_x, plot.xaxis),
+        (part.y_label, part.y, part.log_y, plot.yaxis),
+    ):
+        found = fit(label, [np.asarray(edges, float)], log=log, margin=0.0)
+        inside = [(value, text) for value, text in found.ticks(6) if found.low <= value <= found.high]
+        axis.set_ticks([value for value, _ in inside], [text for _, text in inside])
+        axis.set_minor_formatter(NullFormatter())
+        axis.set_label_text(label)
+
+
+def _grid(plot: Plot, part: Grid, wide: float) -> None:
+    """Text in columns as wide as their words, between rules."""
+    plot.axis("off")
+    plot.set_xlim(0, 1)
+    plot.set_ylim(len(part.rows) + 1.0, 0)
+    plot.set_title(part.heading, loc="left", fontweight="bold")
+    words = [
+        [str(name) for name in part.columns],
+        *([_written(cell, part.digits) for cell in row] for row in part.rows),
+    ]
+    widths = [max(text_width(row[k], 1.0) for row in words) + 1.2 for k in range(len(part.columns))]
+    edges = np.concatenate([[0.0], np.cumsum(widths) / sum(widths)])
+    size = min(8.0, 0.95 * 72 * wide / sum(widths))
+    for k, row in enumerate(words):
+        for left, text in zip(edges, row, strict=False):
+            plot.text(left, k + 0.5, text, fontsize=size, va="center", fontweight="bold" if k == 0 else "normal")
+        plot.axhline(k + 1.0, color="#1b1f24", linewidth=0.8 if k == 0 else 0.25)
+
+
+def _written(cell: Any, digits: int) -> str:
+    if cell is None or (isinstance(cell, float) and math.isnan(cell)):
+        return "–"
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    return cell if isinstance(cell, str) else number(cell, digits)

@@ -1,0 +1,72 @@
+"""The names of all figures and tables, and what makes each."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from hdagen.paper.prototype import Bench
+from hdagen.paper.result import Result
+from hdagen.plant import PlantError
+
+Maker = Callable[[Bench], Result]
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A figure or table: its name, the module of `hdagen.paper` whose function of that name makes it, and its title.
+    Figures of one module share runs, unless ``alone``."""
+
+    name: str
+    module: str
+    title: str
+    alone: bool = False
+
+    def make(self, bench: Bench) -> Result:
+        """Simulate and compute it."""
+        maker: Maker = getattr(importlib.import_module(f"hdagen.paper.{self.module}"), self.name)
+        return maker(bench)
+
+
+FIGURES = (
+    Listed("table1", "drive", "Parameters of the validation model"),
+    Listed("table2", "drive", "Parameters of the DC motor"),
+    Listed("fig3b", "drive", "Hysteresis effect: torque against torsion, input locked"),
+    Listed("fig8", "drive", "Stiffness curve of the drive"),
+    Listed("fig9", "validation", "Numerical validation of torque estimation"),
+    Listed("fig11", "compliance", "Admittance control: M, B and K varied"),
+    Listed("fig12", "compliance", "Impedance control: M, B and K varied"),
+    Listed("maps11", "sweeps", "Admittance control: maps over M, B and K, 10 000 sets", alone=True),
+    Listed("maps12", "sweeps", "Impedance control: maps over M, B and K", alone=True),
+    Listed("fig14", "torsion", "Kinematic torsion and the angle of the output"),
+    Listed("fig15", "estimation", "Torque estimation of both joints"),
+    Listed("resolution", "validation", "Torque error against encoder resolution"),
+    Listed("fig16", "tracking", "Compliance control: paths of the tip"),
+    Listed("fig17", "tracking", "Position tracking in x and y"),
+    Listed("table3", "tracking", "Parameters of the compliance control"),
+    Listed("table4", "tracking", "Tracking errors"),
+    Listed("fig18", "collision", "Collision: set-up, force and clearance"),
+    Listed("fig19", "collision", "Collision, admittance control"),
+    Listed("fig20", "collision", "Collision, impedance control"),
+    Listed("fig21", "collision", "Collision: both controllers compared"),
+    Listed("table5", "collision", "Parameters of the collision experiment"),
+    Listed("joints3", "joints", "The outlook: an arm of three joints"),
+)
+
+
+def named(names: Sequence[str]) -> tuple[Listed, ...]:
+    """The figures of those names, in their order; "all" is every one. PlantError for one that does not exist."""
+    if "all" in names:
+        return FIGURES
+    known = {figure.name: figure for figure in FIGURES}
+    problems = []
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name.lower().replace(" ", "").replace(".", ""), known, n=1)
+            meant = f" (did you mean {near[0]}?)" if near else ""
+            problems.append(f"no figure or table named {name[:40]!r}{meant}; there are {', '.join(known)}, and all.")
+    if problems:
+        raise PlantError("\n".join(problems))
+    return tuple(known[name] for name in dict.fromkeys(names))

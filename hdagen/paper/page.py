@@ -1,0 +1,149 @@
+"""One page with every figure and table, what the paper says of them and what came out, the errata, and the choices."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from hdagen.pages import figure, page
+from hdagen.pages.page import Section
+from hdagen.paper.result import Axes, Claim, Grid, Map, Result
+
+SAYS, WHY = ("the paper says", "here"), "why they differ, or from where on"
+OPEN, ERRATA = ("question", "taken", "alternatives"), ("printed", "checked", "how it shows")
+HOLDS = {True: "yes", False: "no", None: "–"}
+
+
+def interactive(result: Result) -> list[str]:
+    """The parts as the page's own figures, which follow the reader's light or dark."""
+    out: list[str] = []
+    parts, k = list(result.parts), 0
+    while k < len(parts):
+        part = parts[k]
+        if isinstance(part, Grid):
+            out.append(figure.table(part.heading, part.columns, part.rows, digits=part.digits))
+        elif isinstance(part, Map):
+            out.append(
+                figure.heat(
+                    part.heading, part.x, part.y, part.values, x_label=part.x_label, y_label=part.y_label,
+                    value_label=part.value_label, log_x=part.log_x, log_y=part.log_y,
+                )
+            )  # fmt: skip
+        else:
+            group = [part]
+            while k + 1 < len(parts) and _alike(part, parts[k + 1]):
+                k += 1
+                following = parts[k]
+                assert isinstance(following, Axes)
+                group.append(following)
+            out.append(_planes(result, group))
+        k += 1
+    return out
+
+
+def _alike(one: Axes, other: object) -> bool:
+    """Whether two parts share their axes' names and kinds."""
+    return isinstance(other, Axes) and (one.x_label, one.y_label, one.log_x, one.log_y, one.equal) == (
+        other.x_label, other.y_label, other.log_x, other.log_y, other.equal,
+    )  # fmt: skip
+
+
+def _planes(result: Result, group: Sequence[Axes]) -> str:
+    drawn = [
+        figure.Plane(
+            [
+                figure.Curve(c.label, c.x, c.y, color=c.color, dash=c.dash, draw=c.draw, width=c.width)
+                for c in axes.curves
+            ],
+            heading=axes.heading,
+            marks=axes.marks,
+        )
+        for axes in group
+    ]
+    first = group[0]
+    pushed = [f"{words} from {begin:g} to {end:g} s" for axes in group for begin, end, words in axes.bands]
+    caption = f"Pushed: {', '.join(dict.fromkeys(pushed))}." if pushed else ""
+    title = result.title if len(group) == len([p for p in result.parts if isinstance(p, Axes)]) else first.heading
+    return figure.planes(
+        title, drawn, x_label=first.x_label, y_label=first.y_label, columns=min(2, result.columns), equal=first.equal,
+        log_x=first.log_x, log_y=first.log_y, caption=caption,
+    )  # fmt: skip
+
+
+def section(result: Result) -> dict[str, Any]:
+    """Text and figures of a result for the page: its parts, then the paper's words beside what came out."""
+    return {"text": result.text, "figures": [*interactive(result), claims_table(result.claims)]}
+
+
+def claims_table(claims: Sequence[Claim]) -> str:
+    """The lines "the paper says … / here …"."""
+    rows = [(claim.paper, claim.here, HOLDS[claim.holds], claim.why or "–") for claim in claims]
+    return figure.table("The paper and here", (*SAYS, "holds", WHY), rows, sentences=(*SAYS, WHY))
+
+
+def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequence[Mapping[str, Any]]) -> Path:
+    """index.html from the figures' JSON and their sections. OSError where it cannot be written."""
+    claims = [(heading(content["name"]), claim) for content in contents for claim in content["claims"]]
+    kept, broken = (sum(claim["holds"] is value for _, claim in claims) for value in (True, False))
+    summary = [(name, claim["paper"], claim["here"], HOLDS[claim["holds"]]) for name, claim in claims]
+    choices = [
+        (heading(content["name"]), choice["question"], choice["taken"], choice["alternatives"])
+        for content in contents for choice in content["choices"]
+    ]  # fmt: skip
+    whole = [
+        Section(
+            "Every claim",
+            "What the paper says, what came out on its virtual prototype, and whether that is the same. The sections "
+            "below have the figures, and why they differ where they do.",
+            [figure.table("The paper and here", ("", *SAYS, "holds"), summary, sentences=SAYS)],
+        ),
+        *(
+            Section(f"{heading(content['name'])}: {content['title']}", made["text"], made["figures"])
+            for content, made in zip(contents, sections, strict=True)
+        ),
+        Section(
+            "What the paper leaves open",
+            "What was taken, and what the alternatives give.",
+            [figure.table("Choices", ("", *OPEN), choices, sentences=OPEN)],
+        ),
+        Section(
+            "Errata",
+            "The paper's equations: as printed, as used, and how it shows. Each is a test.",
+            [figure.table("Errata", ("equation", *ERRATA), errata(), sentences=ERRATA)],
+        ),
+    ]
+    verdict = (
+        f"Of {len(claims)} statements of the paper {kept} hold on its virtual prototype, {broken} do not, and for "
+        f"{len(claims) - kept - broken} it gives nothing to hold them to."
+    )
+    reproduce = (
+        "    hdagen paper all\n\nEach figure's log lies beside it, and `hdagen replay paper_prototype LOG` simulates "
+        "it again. docs/paper.md says why things differ."
+    )
+    target = folder / "index.html"
+    page.write(target, "The paper, reproduced", verdict, whole, reproduce)
+    return target
+
+
+def heading(name: str) -> str:
+    """As the paper calls it: Fig. 11, Table 4."""
+    found = re.fullmatch(r"(fig|table|maps)(\d+)(\w?)", name)
+    if not found:
+        return {"resolution": "Beside Fig. 15", "joints3": "V"}.get(name, name)
+    kind = {"fig": "Fig.", "table": "Table", "maps": "Beside Fig."}[found[1]]
+    number = ("I", "II", "III", "IV", "V")[int(found[2]) - 1] if found[1] == "table" else found[2]
+    return f"{kind} {number}{f' ({found[3]})' if found[3] else ''}"
+
+
+def errata() -> list[list[str]]:
+    """The rows of docs/errata.md, as they ship with the package: equation, printed, checked, how it shows."""
+    text = resources.files("hdagen.data").joinpath("errata.md").read_text("utf-8")
+    rows = [
+        [cell.strip() for cell in line.strip().strip("|").split("|")]
+        for line in text.splitlines()
+        if line.startswith("|")
+    ]
+    return [row[:4] for row in rows[2:]]

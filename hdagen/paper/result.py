@@ -1,0 +1,115 @@
+"""What a figure or table of the paper becomes: pictures, numbers, logs, a line for each thing that the paper says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from hdagen.log import Log
+from hdagen.plant import Array
+
+Cell = str | float | int | bool | None
+
+
+@dataclass(frozen=True)
+class Claim:
+    """``paper``: what the paper says; ``here``: what came out; ``holds``: whether that is the same (None: the paper
+    gives nothing to hold it to); ``why``: why they differ, or from where on the claim stops holding."""
+
+    paper: str
+    here: str
+    holds: bool | None
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the paper leaves open: what was taken, and what the alternatives give."""
+
+    question: str
+    taken: str
+    alternatives: str
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve, ``x`` and ``y`` (T,) in SI units. ``draw``: line, points or step. Colour and dash: see
+    `hdagen.pages.palette`; by default they follow the order of the curves."""
+
+    label: str
+    x: ArrayLike
+    y: ArrayLike
+    draw: str = "line"
+    color: str | None = None
+    dash: str | None = None
+    width: float = 1.5
+
+
+def path(label: str, points: Array, color: str | None = None, dash: str | None = None, width: float = 1.5) -> Curve:
+    """The curve through ``points`` (T, 2)."""
+    return Curve(label, points[:, 0], points[:, 1], color=color, dash=dash, width=width)
+
+
+@dataclass(frozen=True)
+class Axes:
+    """One pair of axes. ``bands``: stretches of x with words; ``marks``: places with words; ``equal``: a unit is as
+    long on both axes."""
+
+    heading: str
+    x_label: str
+    y_label: str
+    curves: Sequence[Curve]
+    log_x: bool = False
+    log_y: bool = False
+    equal: bool = False
+    bands: Sequence[tuple[float, float, str]] = ()
+    marks: Sequence[tuple[float, float, str]] = ()
+
+
+@dataclass(frozen=True)
+class Map:
+    """A number for every cell of a grid: ``x``, ``y`` the edges of its columns and rows, ``values`` (rows, columns)."""
+
+    heading: str
+    x_label: str
+    y_label: str
+    value_label: str
+    x: ArrayLike
+    y: ArrayLike
+    values: ArrayLike
+    log_x: bool = True
+    log_y: bool = True
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of words and numbers."""
+
+    heading: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    digits: int = 4
+
+
+Part = Axes | Map | Grid
+
+
+@dataclass(frozen=True)
+class Result:
+    """A figure or table. ``parts`` stand row by row, ``columns`` beside each other, as in the paper; ``numbers`` go
+    into its JSON; ``logs`` by the end of their file's name; ``robots`` what `hdagen replay` takes with each: a
+    preset (`paper_prototype` where none is named) or a robot file's content."""
+
+    name: str
+    title: str
+    text: str
+    parts: Sequence[Part]
+    claims: Sequence[Claim]
+    numbers: Mapping[str, Any]
+    columns: int = 2
+    choices: Sequence[Choice] = ()
+    logs: Mapping[str, Log] = field(default_factory=dict)
+    robots: Mapping[str, str | bytes] = field(default_factory=dict)

@@ -1,0 +1,107 @@
+"""The files of a figure: drawn, written whole, and left alone while nothing that they come from has changed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdagen.log import write as write_log
+from hdagen.paper.drawing import drawn
+from hdagen.paper.page import section
+from hdagen.paper.result import Result
+from hdagen.plant import PlantError
+from hdagen.whole import whole
+
+SCHEMA = 1
+SECTIONS = "sections"  # folder of what the page takes
+
+
+@cache
+def inputs(builds: tuple[str, ...]) -> str:
+    """Hash of what figures come from: this package's own code, and the builds of the arms."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(str(resources.files("hdagen"))).rglob("*.py")):
+        digest.update(path.read_bytes())
+    digest.update("\n".join(builds).encode())
+    return digest.hexdigest()[:16]
+
+
+def finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
+    """The JSON of a figure whose files are whole and come from the same; None where it has to be made."""
+    try:
+        content = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        same = content["schema"] == SCHEMA and content["inputs"] == came_from
+        kept = same and all(digest_of(folder / file) == digest for file, digest in content["files"].items())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return content if kept else None
+
+
+def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[str, Any]:
+    """Write a figure's files, its JSON last, which says that the others are whole. Raises PlantError."""
+    svg, png = drawn(result)
+    part = json.dumps(section(result), ensure_ascii=False, indent=1).encode()
+    files = {f"{result.name}.svg": svg, f"{result.name}.png": png, f"{SECTIONS}/{result.name}.json": part}
+    try:
+        (folder / SECTIONS).mkdir(parents=True, exist_ok=True)
+        (folder / f"{result.name}.json").unlink(missing_ok=True)
+        for file, written in files.items():
+            with whole(folder / file, written):
+                pass
+        logs = {}
+        for end, log in result.logs.items():
+            file = f"{result.name}_{end}.parquet"
+            write_log(log, folder / file)
+            robot = result.robots.get(end, "paper_prototype")
+            logs[file] = robot if isinstance(robot, str) else f"{result.name}_{end}.toml"
+            if isinstance(robot, bytes):
+                files[logs[file]] = robot
+                with whole(folder / logs[file], robot):
+                    pass
+        content = {
+            "schema": SCHEMA, "name": result.name, "title": result.title, "text": result.text,
+            "claims": [plain(asdict(claim)) for claim in result.claims],
+            "choices": [asdict(choice) for choice in result.choices],
+            "numbers": plain(result.numbers), "logs": logs, "inputs": came_from, "seconds": round(seconds, 2),
+            "files": {file: digest_of(folder / file) for file in [*files, *logs]},
+        }  # fmt: skip
+        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        with whole(folder / f"{result.name}.json", text.encode()):
+            pass
+    except OSError as error:
+        raise PlantError(f"{folder}: {error.strerror}; choose another place with --out.") from None
+    return content
+
+
+def sections(folder: Path, names: Sequence[str]) -> list[dict[str, Any]]:
+    """What the page takes of finished figures."""
+    return [json.loads((folder / SECTIONS / f"{name}.json").read_text(encoding="utf-8")) for name in names]
+
+
+def plain(value: Any) -> Any:
+    """Numbers as JSON takes them: to nine digits, what is not finite as None."""
+    if isinstance(value, dict):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(entry) for entry in (value.tolist() if isinstance(value, np.ndarray) else value)]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(f"{float(value):.9g}") if math.isfinite(value) else None
+    return value
+
+
+def digest_of(path: Path) -> str:
+    """By which a finished file is known again."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]

@@ -1,0 +1,106 @@
+"""`hdagen paper`: the paper's tables and figures on its virtual prototype, what it says of them and what comes out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hdagen.paper.listed import Listed
+
+EXAMPLE = """example:
+  hdagen paper list
+  hdagen paper fig11 table4 --out paper
+  hdagen paper all
+
+writes SVG, PNG, JSON and logs, which `hdagen replay paper_prototype LOG` takes; all also writes index.html.
+docs/paper.md has what came out and why it differs"""
+DONE = 0
+MARK = {True: "holds", False: "does not", None: ""}
+
+
+def add_parser(commands: Any) -> None:
+    """The command's arguments."""
+    p = commands.add_parser(
+        "paper",
+        help="the paper's tables and figures, reproduced",
+        description="Makes tables and figures of the paper by simulating its virtual prototype: pictures, numbers, "
+        "logs, "
+        "and a line for each thing that the paper says of them. What is finished is not made again while nothing that "
+        "it comes from has changed.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("names", nargs="+", metavar="NAME", help="such as fig11 or table4; all; or list, which names them")
+    p.add_argument("--out", type=Path, default=Path("paper"), help="the folder (default: paper)")
+    p.add_argument("--profile", choices=("portable", "native"), default="native", help="how the arms are compiled")
+    p.add_argument("--json", action="store_true", help="print the claims as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Make, write, print."""
+    from rich.console import Console
+
+    from hdagen.paper import produce
+    from hdagen.paper.drawing import needed
+    from hdagen.paper.listed import FIGURES, named
+    from hdagen.plant import PlantError
+
+    if options.names == ["list"]:
+        for figure in FIGURES:
+            print(f"{figure.name:10} {figure.title}")
+        return DONE
+    figures = named(options.names)
+    if options.out.exists() and not options.out.is_dir():
+        raise PlantError(f"--out {options.out} is a file; give a folder.")
+    needed()
+    begun, console, found, new = time.perf_counter(), Console(), {}, 0
+    errors = Console(stderr=True)
+    processes = produce.processors() if len(figures) > 1 else 1
+
+    def say(words: str) -> None:
+        errors.print(words, highlight=False, markup=False)
+
+    for figure, content, now in produce.produce(figures, options.out, options.profile, processes, say):
+        found[figure.name] = content
+        new += now
+    contents = [found[figure.name] for figure in figures]
+    if figures == FIGURES:
+        _whole(options.out, contents)
+    if options.json:
+        print(json.dumps({content["name"]: content["claims"] for content in contents}, indent=1, ensure_ascii=False))
+    else:
+        _print(console, figures, contents)
+        where = options.out / "index.html" if figures == FIGURES else options.out
+        took = time.perf_counter() - begun
+        console.print(f"{new} made, {len(figures) - new} left as they were, {took:.0f} s; see {where}", soft_wrap=True)
+    return DONE
+
+
+def _whole(out: Path, contents: list[dict[str, Any]]) -> None:
+    """The page of all figures, and results.json."""
+    from hdagen.paper import document, page, store
+    from hdagen.plant import PlantError
+    from hdagen.whole import whole
+
+    try:
+        page.write(out, contents, store.sections(out, [content["name"] for content in contents]))
+        with whole(out / "results.json", document.results(contents).encode()):
+            pass
+    except OSError as error:
+        raise PlantError(f"{out}: {error.strerror}; choose another place with --out.") from None
+
+
+def _print(console: Console, figures: tuple[Listed, ...], contents: list[dict[str, Any]]) -> None:
+    """What the paper says and what comes out, figure by figure."""
+    for figure, content in zip(figures, contents, strict=True):
+        console.print(f"\n{figure.name}  {figure.title}", style="bold", highlight=False, markup=False)
+        for claim in content["claims"]:
+            mark = MARK[claim["holds"]]
+            line = f"  the paper says: {claim['paper']}\n  here: {claim['here']}{f'  [{mark}]' if mark else ''}"
+            console.print(line, highlight=False, markup=False, soft_wrap=True)

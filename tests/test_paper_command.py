@@ -1,0 +1,224 @@
+"""`hdagen paper`: what it names, what it writes, what it leaves alone, what it says when it cannot; docs/paper.md."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from compiled import Compiled
+
+from hdagen.__main__ import INTERRUPTED, USAGE, main
+from hdagen.log import read
+from hdagen.paper import document, page, produce, store
+from hdagen.paper.listed import FIGURES, named
+from hdagen.paper.prototype import ROBOT, TABLE_1, THREE
+from hdagen.paper.result import Axes, Claim, Curve, Grid, Map, Result
+from hdagen.plant import PlantError
+
+ROOT = Path(__file__).parents[1]
+DRAWS = importlib.util.find_spec("matplotlib") is not None
+needs_matplotlib = pytest.mark.skipif(not DRAWS, reason="matplotlib draws the figures; the extra `paper` brings it")
+
+
+@pytest.fixture
+def builds(build: Any, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The builds of all three arms, where the command looks for them."""
+    made: list[Compiled] = [build(robot, "native") for robot in (ROBOT, TABLE_1, THREE)]
+    monkeypatch.setenv("HDAGEN_BUILD", str(made[0].folder.parent))
+    return made[0].folder.parent
+
+
+def made(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+# -- names ------------------------------------------------------------------------------------------------------------
+
+
+def test_every_figure_and_table_of_the_paper_is_there() -> None:
+    wanted = {f"fig{n}" for n in ("3b", 8, 9, 11, 12, 14, 15, 16, 17, 18, 19, 20, 21)} | {
+        f"table{n}" for n in range(1, 6)
+    }
+    assert wanted <= {figure.name for figure in FIGURES}
+    assert len({figure.name for figure in FIGURES}) == len(FIGURES)
+
+
+def test_list_names_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["paper", "list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [figure.name for figure in FIGURES]
+
+
+def test_an_unknown_name_lists_what_exists(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["paper", "Fig. 11", "figure", "fig8", "--out", str(tmp_path / "out")]) == USAGE
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 2 and "'Fig. 11' (did you mean fig11?); there are table1," in said[0] and "and all." in said[0]
+    assert not (tmp_path / "out").exists()
+
+
+def test_all_is_every_figure_and_a_name_twice_is_one() -> None:
+    assert named(["all"]) == FIGURES
+    assert [figure.name for figure in named(["fig8", "table1", "fig8"])] == ["fig8", "table1"]
+
+
+def test_a_missing_extra_says_how_to_install_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *rest: None if name == "matplotlib" else find(name, *rest)
+    )
+    assert main(["paper", "table1", "--out", str(tmp_path / "out")]) == USAGE
+    assert "pip install 'hdagen[paper]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_is_no_folder(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    assert main(["paper", "table1", "--out", str(tmp_path / "out")]) == USAGE
+    assert "is a file; give a folder." in capsys.readouterr().err
+
+
+# -- files ------------------------------------------------------------------------------------------------------------
+
+
+@needs_matplotlib
+def test_a_figure_is_written_whole_and_left_alone(
+    builds: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert main(["paper", "fig3b", "--out", str(out)]) == 0
+    assert "the paper says: torque against torsion" in capsys.readouterr().out
+    files = {"fig3b.svg", "fig3b.png", "fig3b.json", "fig3b_loaded.parquet", "fig3b_loaded.toml", "sections/fig3b.json"}
+    assert made(out) == files
+    content = json.loads((out / "fig3b.json").read_text())
+    assert content["logs"] == {"fig3b_loaded.parquet": "fig3b_loaded.toml"} and content["claims"][0]["holds"] is True
+    assert (out / "fig3b.png").read_bytes().startswith(b"\x89PNG") and b"<svg" in (out / "fig3b.svg").read_bytes()
+    log = read(out / "fig3b_loaded.parquet", joints=2)
+    assert np.abs(log["joint_torque_1"]).max() > 11
+    before = {file: (out / file).stat().st_mtime_ns for file in files}
+    assert main(["paper", "fig3b", "--out", str(out)]) == 0
+    assert "0 made, 1 left as they were" in capsys.readouterr().out
+    assert {file: (out / file).stat().st_mtime_ns for file in files} == before
+    (out / "fig3b.svg").write_text("damaged")
+    assert main(["paper", "fig3b", "--out", str(out)]) == 0
+    assert b"<svg" in (out / "fig3b.svg").read_bytes()
+    second = json.loads((out / "fig3b.json").read_text())
+    assert second["files"] == content["files"], "the same figure, byte for byte"
+
+
+@needs_matplotlib
+def test_an_interrupted_run_keeps_what_is_finished_and_goes_on(
+    builds: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    monkeypatch.setattr(produce, "processors", lambda: 1)
+    drawn = store.drawn
+
+    def stop(result: Result) -> tuple[bytes, bytes]:
+        if result.name == "fig8":
+            raise KeyboardInterrupt
+        return drawn(result)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "drawn", stop)
+        assert main(["paper", "table1", "fig8", "--out", str(out)]) == INTERRUPTED
+    assert {"table1.json", "table1.svg"} <= made(out) and "fig8.json" not in made(out)
+    assert not [name for name in made(out) if name.startswith(".")]
+    first = (out / "table1.json").stat().st_mtime_ns
+    assert main(["paper", "table1", "fig8", "--out", str(out)]) == 0
+    assert (out / "table1.json").stat().st_mtime_ns == first and "fig8.json" in made(out)
+
+
+@needs_matplotlib
+def test_every_kind_of_part_is_drawn_and_stands_on_the_page(tmp_path: Path) -> None:
+    t = np.linspace(0, 1, 5000)
+    parts = [
+        Axes("one", "time (s)", "force (N)", [Curve("a", t, np.sin(9 * t)), Curve("b", t, t, "points")],
+             bands=[(0.2, 0.4, "pushed")]),
+        Axes("two", "x (m)", "y (m)", [Curve("", 0.2 + 0.05 * np.cos(t), 0.05 * np.sin(t))], equal=True,
+             marks=[(0.2, 0, "here")]),
+        Axes("three", "B (N s/m)", "share (1)", [Curve("s", [1, 10, 100], [1, 2, 3], "step")], log_x=True, log_y=True),
+        Map("four", "M (kg)", "B (N s/m)", "settling (s)", [1, 2, 4], [1, 10, 100], [[1, np.nan], [3, 4]]),
+        Grid("five", ("a", "b"), [("x", 1.5), ("y", None)]),
+    ]  # fmt: skip
+    result = Result("fig0", "All kinds", "Words.", parts, [Claim("it says", "it is", None, "<why>")], {"n": np.nan}, 3)
+    content = store.put(tmp_path, result, "k", 0.0)
+    assert content["numbers"] == {"n": None}
+    again = store.put(tmp_path, result, "k", 0.0)
+    assert again["files"] == content["files"]
+    target = page.write(tmp_path, [content], store.sections(tmp_path, ["fig0"]))
+    html = target.read_text(encoding="utf-8")
+    for words in ("All kinds", "it says", "&lt;why", "settling", "Errata", "K_w0 e^"):
+        assert words in html, words
+    assert "<why>" not in html
+
+
+def test_what_is_not_from_the_same_or_not_whole_is_made_again(tmp_path: Path) -> None:
+    (tmp_path / "a.svg").write_text("x")
+    kept: dict[str, Any] = {
+        "schema": store.SCHEMA,
+        "inputs": "k",
+        "files": {"a.svg": store.digest_of(tmp_path / "a.svg")},
+    }
+    (tmp_path / "a.json").write_text(json.dumps(kept))
+    assert store.finished(tmp_path, "a", "k") == kept
+    assert store.finished(tmp_path, "a", "other") is None and store.finished(tmp_path, "b", "k") is None
+    (tmp_path / "a.svg").write_text("y")
+    assert store.finished(tmp_path, "a", "k") is None
+    for damage in ("", "[]", '{"schema": 1}', '{"schema": 1, "inputs": "k", "files": {"gone": "0"}}'):
+        (tmp_path / "a.json").write_text(damage)
+        assert store.finished(tmp_path, "a", "k") is None
+
+
+# -- documents --------------------------------------------------------------------------------------------------------
+
+
+def test_docs_paper_is_what_its_results_make() -> None:
+    text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    found = json.loads((ROOT / "docs" / "paper.json").read_text(encoding="utf-8"))
+    assert document.updated(text, found) == text
+    assert [figure["name"] for figure in found] == [figure.name for figure in FIGURES]
+    assert document.tables(found).count("| yes |") > 20 and "| no |" in document.tables(found)
+
+
+def test_the_document_s_tables_are_made_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    claim = {"paper": "a | b", "here": "c", "holds": True, "why": ""}
+    choice = {"question": "q", "taken": "t", "alternatives": "x"}
+    (tmp_path / "r.json").write_text(
+        json.dumps([{"name": "fig3b", "title": "T", "claims": [claim], "choices": [choice]}])
+    )
+    (tmp_path / "d.md").write_text(f"before\n{document.BEGIN}\nearlier\n{document.END}\nafter\n")
+    assert document.main([str(tmp_path / "r.json"), str(tmp_path / "d.md")]) == 0
+    text = (tmp_path / "d.md").read_text()
+    assert text.startswith("before\n") and text.endswith(f"{document.END}\nafter\n") and "earlier" not in text
+    assert "| Fig. 3 (b) | a / b | c | yes |  |" in text and "| Fig. 3 (b) | q | t | x |" in text
+    assert document.main([]) == 2 and "results.json" in capsys.readouterr().err
+    with pytest.raises(PlantError, match="put them where"):
+        document.updated("no markers", [])
+
+
+def test_the_errata_of_the_page_are_those_of_the_document() -> None:
+    assert (ROOT / "hdagen" / "data" / "errata.md").read_text(encoding="utf-8") == (
+        ROOT / "docs" / "errata.md"
+    ).read_text(encoding="utf-8")
+    rows = page.errata()
+    assert len(rows) > 15 and all(len(row) == 4 for row in rows) and rows[0][0] == "(4)"
+
+
+@pytest.mark.campaign
+@needs_matplotlib
+def test_all_of_it_and_the_claims_are_those_of_the_document(builds: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["paper", "all", "--out", str(out)]) == 0
+    assert (out / "index.html").stat().st_size > 1e6
+    fresh = json.loads((out / "results.json").read_text())
+    stated = json.loads((ROOT / "docs" / "paper.json").read_text())
+    for now, then in zip(fresh, stated, strict=True):
+        assert [(c["paper"], c["holds"]) for c in now["claims"]] == [(c["paper"], c["holds"]) for c in then["claims"]]
+    sweep = json.loads((out / "maps11.json").read_text())["numbers"]
+    assert sweep["sets"] == 10_000

@@ -1,0 +1,110 @@
+"""The paper's claims of Figs. 11 and 12, and of Figs. 16 to 21 where no predictive controller is needed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hdagen.paper import collided, collision, compliance, sweeps
+from hdagen.paper.answer import answers
+from hdagen.paper.prototype import PERIOD, PUSHES, Bench, cartesian, controller, fine_sensors, turns
+from hdagen.paper.tracking import PUBLISHED, SECONDS, SENSIBLE, SHOVES, TABLE_4, tracked
+from hdagen.simulate import run
+
+LAWS = ("admittance", "impedance")
+
+
+@pytest.fixture(scope="module")
+def every(bench: Bench) -> dict[tuple[str, bool], dict[str, compliance.Varied]]:
+    return {
+        (law, fine): {letter: compliance.varied(bench, law, letter, fine) for letter in "MBK"}
+        for law in LAWS
+        for fine in (False, True)
+    }
+
+
+def test_the_claims_on_m_b_and_k_hold_with_encoders(
+    every: dict[tuple[str, bool], dict[str, compliance.Varied]],
+) -> None:
+    """Smaller M and larger B: faster with less overshoot; larger K: smaller displacement, same settling time."""
+    for law in LAWS:
+        assert compliance.kept(every[law, True]) == dict.fromkeys(compliance.kept(every[law, True]), True), law
+    assert all(compliance.kept(every["admittance", False]).values()), (
+        "admittance control keeps them on Hall sensors too"
+    )
+
+
+def test_impedance_on_hall_sensors_breaks_what_the_page_says(
+    every: dict[tuple[str, bool], dict[str, compliance.Varied]],
+) -> None:
+    found = compliance.kept(every["impedance", False])
+    assert not found["M settles"] and found["M swings"] and found["B settles"] and found["K moves"]
+
+
+def test_the_arm_follows_the_ideal(every: dict[tuple[str, bool], dict[str, compliance.Varied]]) -> None:
+    for (law, fine), bar in {("admittance", False): 0.1, ("admittance", True): 0.05, ("impedance", True): 0.15}.items():
+        for one in every[law, fine].values():
+            assert np.abs(one.moved - one.ideal).max() < bar * np.abs(one.ideal).max(), (law, fine, one.letter)
+
+
+def test_where_the_claims_stop_is_where_the_damping_is_critical(bench: Bench) -> None:
+    sweep = sweeps.swept(bench, "admittance", (6, 7, 5))
+    settles = sweeps.exponents(sweep, sweep.arm, "settling")
+    assert settles["M"]["under-damped"] > 0.5 and settles["B"]["under-damped"] < -0.4
+    assert abs(settles["K"]["under-damped"]) < 0.25
+    assert abs(settles["M"]["over-damped"]) < 0.2 and settles["B"]["over-damped"] > 0.7
+    assert settles["K"]["over-damped"] < -0.7
+    assert sweeps.exponents(sweep, sweep.arm, "largest")["K"]["under-damped"] < -0.7
+    faster = sweeps.share_that_keeps(sweep, "B", "settling", -1)
+    assert 0.4 < sweeps.stops(faster) < 1.6
+    assert np.isinf(sweeps.stops(sweeps.share_that_keeps(sweep, "K", "largest", -1)))
+
+
+def test_a_sweep_answers_as_single_runs_do(bench: Bench) -> None:
+    """The compiled batch against the tick-by-tick simulation, the same set: friction smooth against set-valued."""
+    sweep = sweeps.swept(bench, "admittance", (2, 2, 2))
+    path = turns(compliance.SECONDS)
+    gains = cartesian(*(float(grid[0, 1, 1]) for grid in (sweep.M, sweep.B, sweep.K)))
+    alone = run(bench.arm(), controller(bench.arm(), "admittance", gains, fine=True), path, PUSHES, fine_sensors(), 1)
+    found = answers((alone.tip - path.position)[:, None], PUSHES, PERIOD)[0]
+    assert np.allclose(sweep.arm[0, 1, 1], found, rtol=0.05, atol=2e-3, equal_nan=True)
+
+
+def test_published_parameters_do_what_the_page_says_of_them(bench: Bench) -> None:
+    thrown = tracked(bench, "impedance", PUBLISHED["impedance"], SHOVES, SECONDS)
+    assert thrown.lost is not None and thrown.lost < 0.5 and thrown.fault
+    heavy = tracked(bench, "admittance", PUBLISHED["admittance"], SHOVES, SECONDS)
+    assert np.linalg.norm(heavy.off[-1]) > 0.05, "it never comes back"
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_tracking_errors_are_below_the_published_ones(bench: Bench, law: str) -> None:
+    found = tracked(bench, law, SENSIBLE, SHOVES, SECONDS)
+    largest, _, spread = 1e3 * found.errors((0, 2))
+    assert found.lost is None and (largest < TABLE_4[law][0]).all() and (spread < TABLE_4[law][2]).all()
+    assert 1e3 * found.errors((1,))[0].max() > 15, "the push moves it"
+
+
+def test_softer_sets_yield_more_and_damping_calms(bench: Bench) -> None:
+    for law in LAWS:
+        runs = collided.sets(bench, law)
+        assert runs[2].pushed_back > runs[1].pushed_back > runs[0].pushed_back
+        assert np.linalg.norm(runs[0].place[-1] - runs[0].place[0]) > 1e-3, "the stiffest slides the bottle"
+        assert np.array_equal(runs[2].place[-1], runs[2].place[0]), "the softest goes around it"
+        numbers = runs[0].numbers()
+        assert numbers["largest_force"] > 17.7 and numbers["work_on_bottle"] >= 0.9 * numbers["lost_in_sliding"]
+    assert (np.diff(collided.vibrations(bench, "impedance")["B"]) < 0).all()
+
+
+def test_impedance_yields_less_than_admittance_and_both_go_alike(bench: Bench) -> None:
+    for one, two in zip(collided.sets(bench, "impedance"), collided.sets(bench, "admittance"), strict=True):
+        assert one.pushed_back <= two.pushed_back
+    result = collision.fig21(bench)
+    assert result.numbers["mean_apart"] < 1e-3
+    assert result.numbers["mean_apart_touching_4096"] < 0.135e-3
+
+
+def test_dry_friction_makes_the_error_at_the_start(bench: Bench) -> None:
+    found = collided.starts(bench)
+    assert found["no observer"][0] > 2 * found["no observer, no dry friction"][0]
+    assert found["with the observer"][0] < 0.5 * found["no observer"][0]

@@ -1,0 +1,65 @@
+"""Kinematic torsion: what is put in comes back within its standard errors, nothing comes back of nothing, and the basis
+that predicts unseen turns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hdagen.paper.fitting import difference, fit
+from hdagen.paper.prototype import A, B, Bench, torsion_of
+from hdagen.paper.torsion import ABOVE, SETS, TWICE, bases, curve, held_out, measured, slowly
+
+CHI_SQUARE_999 = 22.46  # six degrees of freedom
+
+
+@pytest.mark.parametrize("j", SETS)
+@pytest.mark.parametrize("fine", [True, False])
+def test_the_published_coefficients_come_back(bench: Bench, j: int, fine: bool) -> None:
+    """Each within three standard errors, all six together likely; the errors are not just wide."""
+    found = measured(bench, j, fine).fit
+    off = (found.coefficients - np.asarray(SETS[j])) / found.errors
+    assert np.abs(off).max() < 3 and found.distance(SETS[j]) < CHI_SQUARE_999
+    s = np.linspace(0, 1, 101)
+    assert np.abs(curve(found.coefficients, s) - curve(SETS[j], s)).max() < (1e-6 if fine else 6e-5)
+    wrong = np.asarray(SETS[j]) * [1, 1, 1.3, 1, 1, 1]
+    assert not fine or found.distance(wrong) > 10 * CHI_SQUARE_999, "another set is told apart"
+
+
+def test_of_no_torsion_none_is_found(bench: Bench) -> None:
+    none = torsion_of(1, (0.0,) * 6)
+    from hdagen.paper.fitting import turned
+
+    logs = [(turned(bench, 1, ABOVE[0], way, none, fine=True).log, way, ABOVE[0]) for way in (1, -1)]
+    found = fit(logs, 1, 100.0)
+    assert np.abs(curve(found.coefficients, np.linspace(0, 1, 50))).max() < 2e-6
+    assert found.distance((0.0,) * 6) < CHI_SQUARE_999
+
+
+def test_the_torsion_does_not_depend_on_the_torque(bench: Bench) -> None:
+    """Fig. 14: fits of one torque each are one curve."""
+    logs = measured(bench, 1, True).logs
+    s = np.linspace(0, 1, 50)
+    fits = [fit([(logs[above, way], way, above) for way in (1, -1)], 1, 100.0).coefficients for above in ABOVE]
+    curves = np.stack([curve(one, s) for one in fits])
+    assert np.ptp(curves, axis=0).max() < 5e-6 < 1e-2 * np.ptp(curves[0])
+
+
+def test_the_published_torsion_is_what_the_arm_has() -> None:
+    """In turns at one turn 3.5e-3 rad, and 3.2e-4 at most; in radians −1.1 and −2.3 rad, which no gear has."""
+    s = np.linspace(0, 1, 1001)
+    assert curve(A, s)[-1] == pytest.approx(3.51e-3, rel=1e-2) and curve(B, s).max() == pytest.approx(3.2e-4, rel=1e-2)
+    assert curve(A, np.array([2 * np.pi]))[0] == pytest.approx(-1.1, rel=0.02)
+    assert curve(B, np.array([2 * np.pi]))[0] == pytest.approx(-2.3, rel=0.02)
+
+
+def test_the_basis_that_has_the_wave_generator_too_predicts_unseen_turns(bench: Bench) -> None:
+    flat = torsion_of(1, (A[0], -sum(A[2:]), *A[2:]))
+    log = slowly(bench, flat | {"kinematic_sine_twice_1": TWICE})
+    left = held_out(log, 1, 100.0)
+    best = min(left, key=lambda name: left[name][1])
+    assert best == "both Fourier, and a ratio" and left[best][1] < 2e-5
+    assert left["(13), begun anew every turn"][1] == pytest.approx(TWICE / np.sqrt(2), rel=0.05)
+    assert left["(13), continued"][1] > 50 * left["(13), begun anew every turn"][1]
+    s, y = difference(log, 1, 100.0)
+    assert s.max() > 3 and np.abs(y).max() < 0.02 and set(left) == set(bases())
