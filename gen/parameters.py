@@ -45,7 +45,8 @@ def parameters(robot: Robot) -> tuple[ParameterValue, ...]:
 
     What a drive does not have (springs if rigid, a torque constant if its input is torque) is left out.
     Bounds: from a third of the nominal to three times it, or as far from 0 as the key's ``width`` where it is 0,
-    within the physical range; what dissipates from nothing to LOSSES times the nominal, as it ages and warms up; a
+    within the physical range; what dissipates from nothing to LOSSES times the nominal, as it ages and warms up,
+    to its physical range where the nominal is 0; a
     lumped inertia may be negative; a prismatic joint's length is 0.
     """
     gravity = keys("")["gravity"]
@@ -72,7 +73,7 @@ def _bounds(key: Key, kind: str, nominal: float) -> tuple[float, float]:
     if key.name == "length" and kind == "prismatic":
         return 0.0, 0.0
     least = -key.range.high if key.name == "inertia" and nominal < 0 else key.range.low
-    if nominal and key.name in DISSIPATING:
-        return 0.0, min(LOSSES * nominal, key.range.high)
+    if key.name in DISSIPATING:  # of one that is left out nothing says how large it may be
+        return 0.0, min(LOSSES * nominal, key.range.high) if nominal else key.range.high
     low, high = sorted((nominal / 3, nominal * 3)) if nominal else (-key.width, key.width)
     return max(low, least), min(high, key.range.high)

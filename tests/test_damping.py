@@ -39,7 +39,7 @@ def test_the_robot_files_own_damping_takes_the_robots_step(arm: Arm) -> None:
 
 
 def test_the_bound_is_that_of_the_linear_model(arm: Arm) -> None:
-    """The fastest decay of rotor and link at rest, by eigenvalues of the linear model, is no faster than what is said."""
+    """The fastest decay of rotor and link at rest, by eigenvalues of the linear model, is no faster than said."""
     kept = arm.p.copy()
     try:
         for j in (1, 2):

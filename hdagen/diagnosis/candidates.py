@@ -187,7 +187,8 @@ def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
 
 
 def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, suggested: Suggested) -> Column:
-    name, unit, base = str(q["name"]), float(q["typical"]), q["role"] == "base"
+    name, base = str(q["name"]), q["role"] == "base"
+    unit = suggested.units.get(name, float(q["typical"]))
     nominal = float(q["nominal"])
     spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SPIKE) if first else SILENT
     step = suggested.sizes[name] / unit if name in suggested.sizes else STEP

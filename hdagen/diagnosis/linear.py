@@ -122,8 +122,8 @@ class Reduced:
         return np.asarray(np.maximum(self.c - 2 * self.b @ theta + (self.N @ theta) @ theta, 0.0))
 
     def scales(self, theta: Array) -> Array:
-        """κ² of each window (W) at θ: 1, or a root of what it leaves where chance does not leave as much: with the whole
-        of it a model would rather give windows up than explain them."""
+        """κ² of each window (W) at θ: 1, or a root of what it leaves where chance does not leave as much: with the
+        whole of it a model would rather give windows up than explain them."""
         chance = self.freedom * (1.0 + CHANCE * np.sqrt(2.0 / self.freedom))
         return np.asarray(np.maximum(self.chi2(theta) / chance, 1.0) ** ROOT)
 

@@ -8,7 +8,7 @@ its size with a corner (a limit, a delay of whole rows, a wall) that size has to
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,7 @@ BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows that lie beyond a wall t
 SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in usual sizes
 SIZED = ("sensor_delay", "backlash_angle")  # read off well enough to be tried at that size
 TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # of the kinematic error, with the words of its parameters
+FRICTION = 0.5  # of the usual input, that dry friction is taken for where nothing else is known
 LEAST = 0.1  # usual sizes, from which that is worth it
 LOADED = 0.1  # of its usual torque, from which a joint's torque has a sign for certain
 PASSES = 6  # of weighing rows anew
@@ -31,11 +32,13 @@ WORTH = 0.99  # of the error of the current without the effect, below which a si
 class Suggested:
     """``shapes``: values from which the search starts, by shape parameter, in place of the model's; ``sizes``: by how
     much an amplitude is moved for its column, in its unit; ``seen``: what can be read off the joints' torsion, from
-    which every hypothesis starts as far as it tolerates that, by parameter."""
+    which every hypothesis starts as far as it tolerates that, by parameter; ``units``: what is usual of a torque at a
+    motor, where the robot file gives no friction to go by, by parameter."""
 
     shapes: dict[str, tuple[float, ...]]
     sizes: dict[str, float]
     seen: dict[str, float]
+    units: dict[str, float] = field(default_factory=dict)
 
 
 def suggested(arm: Arm, record: Record) -> Suggested:
@@ -43,7 +46,25 @@ def suggested(arm: Arm, record: Record) -> Suggested:
     seen = torsion(arm, record)
     least = {name: LEAST * (q.typical or np.inf) for name, q in arm.parameters.described.items()}
     sized = {name: size for name, size in seen.items() if name.startswith(SIZED) and abs(size) > least[name]}
-    return Suggested(_walls(arm, record.log), _inputs(arm, record) | sized, seen)
+    return Suggested(_walls(arm, record.log), _inputs(arm, record) | sized, seen, _units(arm, record))
+
+
+def _units(arm: Arm, record: Record) -> dict[str, float]:
+    """Usual torques at motors whose robot file has no dry friction, on which those in the manifest would be based: as
+    if it were a share of the usual input."""
+    found: dict[str, float] = {}
+    for effect in arm.manifest["effects"]:
+        for j in effect["joints"] if effect["place"] == "motor" else ():
+            described = arm.parameters.described
+            if not j or described[f"coulomb_friction_{j}"].nominal:
+                continue
+            gain = described.get(f"torque_constant_{j}")
+            usual = float(np.sqrt(np.mean(record.command[:, j - 1] ** 2))) * (gain.nominal if gain else 1.0)
+            for name in (f"{a}_{j}" for a in effect["amplitudes"]):
+                q = described.get(name)
+                if q is not None and q.typical and q.unit in ("N m", "N") and usual > 0:
+                    found[name] = FRICTION * usual * q.typical
+    return found
 
 
 def _walls(arm: Arm, log: Log) -> dict[str, tuple[float, ...]]:
