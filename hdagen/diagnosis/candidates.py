@@ -70,6 +70,12 @@ class Column:
     step: float = STEP
     seen: float = 0.0
 
+    @property
+    def tolerated(self) -> float:
+        """The parameter as it was read off, as far as that is tolerated."""
+        most = TOLERATED * self.spike
+        return self.center + min(max(self.seen, -most), most) * self.unit
+
 
 @dataclass(frozen=True, eq=False)
 class Dictionary:

@@ -1,13 +1,13 @@
 """The decision: probabilities of the hypotheses, what counts as present, and what no effect explains.
 
-Log evidence is divided by a temperature before it becomes a probability. Residuals of a real machine are not
-independent, and where the best hypothesis leaves more than noise, what is left would be worth as much evidence to a
-better one: an effect must explain more than that. The temperature is not calibrated, and diagnosis.json
-says so.
+The likelihood counts as its root of order T, a temperature: no model of ours is true, what it leaves is not
+independent, and would be worth as much evidence to a better one. The prior counts as it is. The temperature is not
+calibrated, and diagnosis.json says so.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,8 @@ FURTHER = 0.3  # that there is one more
 # it, at which it is as probable as not that something unknown is at work
 UNKNOWN = 0.6, 1.0
 NEGLIGIBLE = 0.1  # of that, squared, below which it is not counted
+GEAR = ("transmission", "link", "sensor")
+FORM = 0.2  # of the gain of an effect, that another one may bring which makes up for its formula
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
 
 
@@ -64,20 +66,20 @@ def decide(search: Search) -> Decision:
     fits: dict[tuple[str, ...], Fitted] = {}
     for fit in search.fitted:
         fits.setdefault(fit.names, fit)
-    evidence = {names: fit.score.evidence for names, fit in fits.items()}
+    temperature = search.fitted[0].temperature
+    evidence = {names: fit.evidence(temperature) for names, fit in fits.items()}
     linear = next(s.evidence for s in search.screened if not s.atoms)
     for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
         names = tuple(words.atoms[k].name for k in s.atoms)
-        evidence.setdefault(names, evidence[()] + min(s.evidence - linear, 0.0))
+        evidence.setdefault(names, evidence[()] + min(s.evidence - linear, 0.0) / temperature)
     count = sum(len(names) == 1 for names in evidence)
     top = max(evidence.values())
-    temperature = search.fitted[0].temperature
-    weight = {names: _prior(len(names), count) * np.exp((e - top) / temperature) for names, e in evidence.items()}
+    weight = {names: _prior(len(names), count) * np.exp(e - top) for names, e in evidence.items()}
+    place = {atom.name: atom.place for atom in words.atoms}
     for names in sorted(fits, key=len, reverse=True):
-        large = tuple(name for name, size in sizes(fits[names]).items() if size >= PRESENT)
-        if len(large) < len(names):  # too small to count: the same as without it
-            without = tuple(sorted(large))
-            weight[without if without in weight else ()] += weight[names]
+        less = _less(names, sizes(fits[names]), evidence, place)
+        if less != names:
+            weight[less if less in weight else ()] += weight[names]
             weight[names] = 0.0
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
@@ -92,6 +94,24 @@ def decide(search: Search) -> Decision:
     verdict = hypotheses[0].names
     best = hypotheses[0].fit or left
     return Decision(tuple(hypotheses), verdict, best)
+
+
+def _less(
+    names: tuple[str, ...],
+    size: Mapping[str, float],
+    evidence: Mapping[tuple[str, ...], float],
+    place: Mapping[str, str],
+) -> tuple[str, ...]:
+    """The set without what is too small to count, and without an effect that only makes up for the formula of another
+    one between the encoders of the same joint."""
+    large = tuple(name for name in names if size[name] >= PRESENT)
+    for name in large if large == names else ():
+        rest = tuple(n for n in names if n != name)
+        beside = [n for n in rest if place[n] in GEAR and n.partition("@")[2] == name.partition("@")[2]]
+        least = FORM * (evidence.get(rest, np.inf) - evidence[()])
+        if place[name] in GEAR and beside and evidence[names] - evidence.get(rest, -np.inf) < least:
+            return rest
+    return large
 
 
 def _prior(effects: int, count: int) -> float:

@@ -7,7 +7,8 @@ their prior precision by D, and the evidence by
 
 Each hypothesis chooses its own size s of unexplained torque and scale κ of what each window leaves.
 Source: Dickey, Ann. Math. Stat. 42 (1971) 204 (the ratio of nested evidences); George, McCulloch, J. Am. Stat. Assoc.
-88 (1993) 881 (spike and slab).
+88 (1993) 881 (spike and slab); Miller, Dunson, J. Am. Stat. Assoc. 114 (2019) 1113 (a likelihood that counts less, as
+no model is true).
 """
 
 from __future__ import annotations
@@ -90,10 +91,13 @@ def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None
     return found
 
 
-def posterior(reduced: Reduced, spike: Array, s: float, kappa2: Array, bounds: Bounds | None = None) -> Posterior:
+def posterior(
+    reduced: Reduced, spike: Array, s: float, kappa2: Array, bounds: Bounds | None = None, temperature: float = 1.0
+) -> Posterior:
     """θ under prior standard deviations ``spike`` (P), the windows at scales ``kappa2`` (W). With ``bounds`` the most
-    probable θ lies within them, and the evidence is that of Laplace's approximation there; without, it is exact."""
-    weight = 1.0 / kappa2
+    probable θ lies within them, and the evidence is that of Laplace's approximation there; without, it is exact. The
+    likelihood counts as its root of order ``temperature``, the prior as it is."""
+    weight = 1.0 / (kappa2 * temperature)
     N, b, c = np.tensordot(weight, reduced.N, 1), weight @ reduced.b, float(weight @ reduced.c)
     V = spike[:, None] * spike
     factor = scipy.linalg.cho_factor(N * V + np.eye(len(spike)), lower=True)
@@ -103,8 +107,7 @@ def posterior(reduced: Reduced, spike: Array, s: float, kappa2: Array, bounds: B
         c
         - float(b @ mean)
         + 2.0 * float(np.log(np.diagonal(factor[0])).sum())
-        + reduced.logdet
-        + float(reduced.freedom @ np.log(kappa2))
+        + (reduced.logdet + float(reduced.freedom @ np.log(kappa2))) / temperature
     )
     if bounds is not None:
         H = N + np.diag(1.0 / spike**2)

@@ -20,6 +20,7 @@ from hdagen.plant import Array
 
 TEMPERATURE = 3.0  # at least: fits of one log that end in different places differ by as much
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
+TEMPERATURES = np.geomspace(1.0, 1e4, 17)
 CHORDS = 3
 SHARES = (1.0, 0.5, 0.2, 0.05)
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
@@ -35,15 +36,27 @@ class Fitted:
     score: Scored
     unexplained: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
     clean: float  # log evidence that it would have if it left noise alone
+    tempered: Array | None = None  # log evidence at TEMPERATURES, of one without its columns
 
     def bare(self) -> Fitted:
         """What a decision needs of it, without the columns, which would fill the memory."""
-        return replace(self, design=self.design.bare())
+        if self.tempered is not None:
+            return self
+        found = np.array([self.evidence(t) for t in TEMPERATURES])
+        return replace(self, design=self.design.bare(), tempered=found)
+
+    def evidence(self, temperature: float) -> float:
+        """Log evidence where the likelihood counts as its root of order ``temperature``."""
+        if self.tempered is not None:
+            return float(np.interp(np.log(temperature), np.log(TEMPERATURES), self.tempered))
+        at, words, arm = self.score.at, self.design.words, self.design.shooting.arm
+        reduced, prior = self.design.linear().reduced(at.s), _prior(self.design, self.atoms)
+        return posterior(reduced, prior, at.s, at.kappa2, words.bounds(arm), temperature).evidence
 
     @property
     def temperature(self) -> float:
-        """By what differences of log evidence are divided before they become probabilities: what it still leaves
-        would be worth as much to a better one, so an effect must bring a share of that."""
+        """The root of the likelihood that a decision counts: what this one still leaves would be worth as much to a
+        better one, so an effect must bring a share of that."""
         return max(TEMPERATURE, (self.clean - self.score.evidence) / DEPENDENT)
 
     @property

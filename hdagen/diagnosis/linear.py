@@ -21,6 +21,7 @@ import numpy as np
 from hdagen.plant import Array
 
 RIDGE = 1e-10  # of a first state that a window does not tell
+ROOT = 0.5  # Huber's weights on the norm of a window
 CHANCE = 3.0  # standard deviations of chi² that chance is granted in a window
 
 
@@ -121,9 +122,10 @@ class Reduced:
         return np.asarray(np.maximum(self.c - 2 * self.b @ theta + (self.N @ theta) @ theta, 0.0))
 
     def scales(self, theta: Array) -> Array:
-        """κ² of each window (W) at θ: 1, or what it leaves where chance does not leave as much."""
+        """κ² of each window (W) at θ: 1, or a root of what it leaves where chance does not leave as much: with the whole
+        of it a model would rather give windows up than explain them."""
         chance = self.freedom * (1.0 + CHANCE * np.sqrt(2.0 / self.freedom))
-        return np.asarray(np.maximum(self.chi2(theta) / chance, 1.0))
+        return np.asarray(np.maximum(self.chi2(theta) / chance, 1.0) ** ROOT)
 
     def cost(self, theta: Array, prior: Array, kappa2: Array | None = None) -> float:
         """Minus twice the log posterior of θ under prior standard deviations ``prior`` (P), but for constants, with the

@@ -73,7 +73,8 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
     described = list(at.shooting.arm.parameters.described.values())
     found = []
     if np.linalg.norm([c.seen for c in columns]) >= SEEN:
-        found.append(_put(at, atom, {c.index: c.center + c.seen * c.unit for c in columns}))
+        others = {c.index: c.tolerated for c in words.columns if c.seen and words.atoms[c.atom].joint == atom.joint}
+        found.append(_put(at, atom, others | {c.index: c.center + c.seen * c.unit for c in columns}))
     if len(columns) > 1 and (not atom.shapes or ORDER in "".join(atom.shapes)):
         return found  # a sine and a cosine are as good as linear
     for c in columns:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import TOLERATED, Dictionary, dictionary
+from hdagen.diagnosis.candidates import Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
 from hdagen.diagnosis.fitting import TEMPERATURE, Fitted, advanced, begun
@@ -72,7 +72,7 @@ def first(shooting: Shooting, words: Dictionary) -> Point:
     p = shooting.arm.p.copy()
     for c in words.columns:
         if c.seen:
-            p[c.index] = c.center + float(np.clip(c.seen, -TOLERATED * c.spike, TOLERATED * c.spike)) * c.unit
+            p[c.index] = c.tolerated
     return Point(p, shooting.begun(p))
 
 
