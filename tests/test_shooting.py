@@ -17,7 +17,7 @@ from hdagen.plant import Arm
 
 Builder = Callable[..., Compiled]
 EFFECTS = ("presliding_friction", "transmission_hysteresis", "sensor_delay", "current_loop_lag")
-MOVED = {"torsional_damping_1": 100.0, "viscous_friction_1": 1.1, "coulomb_friction_2": 0.9, "mass_2": 1.02}  # × nominal
+MOVED = {"torsional_damping_1": 100.0, "viscous_friction_1": 1.1, "coulomb_friction_2": 0.9, "mass_2": 1.02}  # times
 SET = {"sensor_delay_1": 1e-3, "current_lag_2": 1e-3, "hysteresis_torque_1": 2.0}
 
 
