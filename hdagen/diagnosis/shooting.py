@@ -100,13 +100,25 @@ class Shooting:
 
     def all(self, lanes: Sequence[Lane]) -> list[Array]:
         """What the channels read (R, M) in each lane."""
-        order = sorted(range(len(lanes)), key=lambda k: lanes[k].impulse is not None)  # those with impulses together
-        most = 1 if len(lanes) <= FEW else self.width
-        groups = [g.tolist() for g in np.array_split(order, -(-len(lanes) // most))] if lanes else []
+        alike: dict[tuple[float, bool], list[int]] = {}
+        for k, lane in enumerate(lanes):  # a lane takes its own step in whatever company
+            alike.setdefault((self._step(lane), lane.impulse is not None), []).append(k)
+        groups = [group for same in alike.values() for group in self._split(same)]
         with ThreadPoolExecutor(THREADS) as pool:
             seen = list(pool.map(lambda group: self._run([lanes[k] for k in group]), groups))
-        found = dict(zip(order, (one for group in seen for one in group), strict=True))
+        found = {
+            k: read for group, reads in zip(groups, seen, strict=True) for k, read in zip(group, reads, strict=True)
+        }
         return [found[k] for k in range(len(lanes))]
+
+    def _split(self, lanes: list[int]) -> list[list[int]]:
+        """Groups that run at once, of about one size."""
+        most = 1 if len(lanes) <= FEW else self.width
+        return [group.tolist() for group in np.array_split(lanes, -(-len(lanes) // most))]
+
+    def _step(self, lane: Lane) -> float:
+        """The longest step of a lane, s."""
+        return min(self.most, self.arm.damping.longest_step(lane.p))
 
     def states(self, lane: Lane) -> Array:
         """The states (R, nx) of one lane."""
@@ -154,8 +166,8 @@ class Shooting:
                 jump = np.zeros((many, len(self.steps), seat.arm.nx)) if jump is None else jump
                 jump[k][:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
         begun, c, x = np.stack([lane.begun for lane in lanes]), seat.constants[:many], seat.x[:many]
-        most = min(self.most, *(seat.arm.damping.longest_step(lane.p) for lane in lanes))
-        return seat.arm.windows(begun, self.edges, seat.inputs[:many], self.steps, most, self.limit, jump, c, x)
+        step = self._step(lanes[0])  # that of all of them
+        return seat.arm.windows(begun, self.edges, seat.inputs[:many], self.steps, step, self.limit, jump, c, x)
 
     def _inputs(self, seat: Seat, k: int, lane: Lane) -> None:
         """Lane k's inputs and constants."""
