@@ -34,7 +34,7 @@ ONE = arms.arm("R", name="one joint", drive=LIMITS + SENSORS)
 SECONDS = 3.0
 MIXED, SLOW = "multisine, reversals, holds", "slow reversals of falling amplitude"
 TYPICAL = {  # usual sizes by effect, as the robot's numbers and the effects' sources give them
-    "viscous_friction": {"viscous_friction_1": 1.5e-4},
+    "viscous_friction": {"viscous_friction_1": 3e-4},
     "thermal_friction": {"thermal_share_1": 0.3},
     "stribeck_friction": {"stribeck_torque_1": 0.4 * 0.03},
     "presliding_friction": {"presliding_share_1": 1.0},
@@ -101,14 +101,14 @@ def test_logs_are_told_apart_by_as_much_as_was_predicted(arm: Arm, pair: tuple[s
 
 
 def test_the_motion_that_is_predicted_to_be_better_is_better(arm: Arm) -> None:
-    """The stubborn pair of viscous and thermal friction: order of four motions, from none to more than enough."""
+    """The stubborn pair of viscous and thermal friction: order of four motions, from little to plenty."""
     pair = ("viscous_friction", "thermal_friction")
     predicted, seen = [], []
     for name, limits in (("fine reversals", {}), ("multisine to 25 Hz", {}), (SLOW, {"speed": (0.1,)}), (MIXED, {})):
         made = kept(arm, name, **limits)
         predicted += separation(arm, [f"{n}@1" for n in pair], made).values()
         seen.append(min(measured(arm, made, pair, true) for true in pair))
-    assert max(predicted) > 2 * ENOUGH > 2 > min(predicted)
+    assert max(predicted) > 2 * ENOUGH > min(predicted) and max(predicted) > 10 * min(predicted)
     assert np.argsort(predicted).tolist() == np.argsort(seen).tolist(), (predicted, seen)
 
 
