@@ -22,8 +22,8 @@ from hdagen.simulate import Sensors, simulate
 
 Builder = Callable[..., Compiled]
 NAMES = tuple(effect.name for effect in ALL)
-# What is put into the log where the usual size would not show on an arm that hangs under gravity and swings by 1 rad; of
-# hysteresis half the usual size: with all of it the first states of windows are estimated to 7 times the noise, not 6.
+# What is put into the log where the usual size would not show on an arm that hangs under gravity and swings by 1 rad.
+# Of hysteresis half the usual size: with all of it the first states of windows are known to 7 times the noise, not 6.
 SHAPES = {"contact_above": 0.02, "contact_below": -0.03, "thermal_time": 0.5, "ripple_order": 2.0, "cable_rest": 0.5}
 FACTORS = {
     "current_saturation": 4.0,
