@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 
 from hdagen.control import Controller
 from hdagen.plant import Arm, Array, PlantError
+from hdagen.readings import torque_per_input
 from hdagen.reference import Reference, fitting, posture
-from hdagen.simulate import Push, Sensors, constants, errors, forces
+from hdagen.simulate import Push, Sensors, errors, forces
 
 LATEST = 16  # ticks of delay, as the library holds them
 Judge = Callable[[Array, Array], Array]  # tip (T, W, 2, m) and torques sent (T, W, n, N m) -> (W, k)
@@ -53,7 +54,7 @@ def closed_loops(
     period = controller.guard.period
     steps = max(1, int(np.ceil(period / arm.step_size - 1e-9)))
     limits = np.concatenate(controller.torque_limits())
-    settings = np.concatenate([[period, steps, scheme.delay], scheme.resolution, limits, constants(arm)])
+    settings = np.concatenate([[period, steps, scheme.delay], scheme.resolution, limits, torque_per_input(arm)])
     group = _Group(arm, controller, rows, push, felt, arm.rest(q0), settings)
     width = arm.module.batch_width
     firsts = range(0, len(table), width)

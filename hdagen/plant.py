@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdagen.damping import Damping
-from hdagen.given import finite, is_number, of_rows, vector
+from hdagen.given import Array, finite, is_number, of_rows, vector
 from hdagen.opening import PlantError, Structured, folder_of, opened, remedy
 
 __all__ = [
@@ -29,8 +29,6 @@ __all__ = [
     "is_number",
     "load",
 ]
-
-Array = NDArray[np.float64]
 
 
 class UnknownParameter(PlantError, KeyError):

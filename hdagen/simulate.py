@@ -18,6 +18,7 @@ from hdagen.control import Controller
 from hdagen.input_stage import InputStage
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
+from hdagen.readings import torque_per_input
 from hdagen.reference import Reference, fitting, posture
 
 World = Callable[[Array, Array], Array]  # tip position and velocity (2 each) -> force on the tip (2), N
@@ -114,7 +115,7 @@ def run(
     noise = random.normal(size=(count, 2)) * scheme.force_noise
     felt = push + noise
     seen, state, torque, shown, status = _loop(arm, controller, rows, push, felt, q0, scheme, progress, world)
-    commanded = torque / constants(arm)
+    commanded = torque / torque_per_input(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
     measured = shown + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)
     columns: dict[str, Array] = {}
@@ -174,11 +175,6 @@ def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> No
         )
 
 
-def constants(arm: Arm) -> Array:
-    """Motor torque per unit of input (n)."""
-    return np.array([arm.parameters.get(f"torque_constant_{j}", 1.0) for j in range(1, arm.n + 1)])
-
-
 def forces(pushes: Sequence[Push], time: Array) -> Array:
     """The pushes together at each time (T, 2), N. Raises PlantError."""
     total = np.zeros((len(time), 2))
@@ -209,7 +205,7 @@ def _loop(
     shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
     outputs = {name: np.empty(length) for name, length in shapes}
     look = arm.module.bind("outputs", x, u, arm.c, *outputs.values())
-    unit, stage = constants(arm), InputStage(arm, np.zeros(n))
+    unit, stage = torque_per_input(arm), InputStage(arm, np.zeros(n))
     seen, state = np.empty((count, 2 * n)), np.empty((count, arm.nx))
     torque, shown, status = np.empty((count, n)), np.empty((count, n)), np.empty(count, np.int32)
     step = np.where(scheme.resolution > 0, scheme.resolution, 1.0)

@@ -14,6 +14,7 @@ import numpy as np
 
 from hdagen.diagnosis.candidates import Column, Dictionary
 from hdagen.diagnosis.linear import Gram, Linear
+from hdagen.diagnosis.record import usual_torque
 from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.plant import Array
 
@@ -101,13 +102,9 @@ def residual(shooting: Shooting, seen: Array) -> Array:
 
 def torque_units(shooting: Shooting) -> Array:
     """Unit of unexplained torque at each motor (n), N m."""
-    arm, command = shooting.arm, shooting.record.command
-    units = []
-    for j in range(1, arm.n + 1):
-        gain = arm.parameters.described.get(f"torque_constant_{j}")
-        usual = float(np.sqrt(np.mean(command[:, j - 1] ** 2))) * (gain.nominal if gain else 1.0)
-        units.append(SHARE * max(usual, 0.1 * arm.parameters.described[f"coulomb_friction_{j}"].nominal, 1e-6))
-    return np.array(units)
+    arm = shooting.arm
+    friction = [arm.parameters.described[f"coulomb_friction_{j}"].nominal for j in range(1, arm.n + 1)]
+    return SHARE * np.maximum(np.maximum(usual_torque(arm, shooting.record), 0.1 * np.array(friction)), 1e-6)
 
 
 def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:

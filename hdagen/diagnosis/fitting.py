@@ -134,8 +134,9 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
         begun = np.zeros_like(at.point.begun)
         begun[at.shooting.record.kept] = linear.inner(s, theta)[0]
         for share in SHARES:
-            trial = _tried(at, linear, s, placed(at, old + share * (theta - old), at.point.begun + share * begun))
-            there, reached = trial.linear(), words.theta(trial.point.p)
+            point = placed(at, old + share * (theta - old), at.point.begun + share * begun)
+            trial, there = _tried(at, linear, s, point)
+            reached = words.theta(trial.point.p)
             value = there.reduced(s).cost(reached, prior)
             if value < cost:
                 break
@@ -147,19 +148,19 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
     return at
 
 
-def _tried(at: Design, linear: Linear, s: float, point: Point) -> Design:
+def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, Linear]:
     """The model at ``point``, windows that its first states make worse with those of ``at``: from where a joint
     sticks, or flies apart, their columns say little."""
     trial = at.moved(point)
-    left = [
-        one.reduced(s).chi2(at.words.theta(where.p)) for one, where in ((linear, at.point), (trial.linear(), point))
-    ]
+    there = trial.linear()
+    left = [one.reduced(s).chi2(one.theta) for one in (linear, there)]
     worse = at.shooting.record.kept[left[1] > left[0] + WORSE]
     if not len(worse):
-        return trial
+        return trial, there
     begun = point.begun.copy()
     begun[worse] = at.point.begun[worse]
-    return at.moved(Point(point.p, begun))
+    trial = at.moved(Point(point.p, begun))
+    return trial, trial.linear()
 
 
 def placed(at: Design, theta: Array, begun: Array) -> Point:

@@ -18,7 +18,7 @@ import numpy as np
 from hdagen.channels import describe
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.readings import Readings, Rows, complete, mechanical
+from hdagen.readings import Readings, Rows, complete, mechanical, torque_per_input
 from hdagen.repair import segments
 from hdagen.replay import _noise, driven_by, window_starts
 
@@ -117,6 +117,12 @@ def record(arm: Arm, log: Log, window: float) -> Record:
         ends,
         _begun(arm, log, starts),
     )
+
+
+def usual_torque(arm: Arm, record: Record) -> Array:
+    """Root mean square of the torque that is commanded at each motor (n), N m."""
+    size = [float(np.sqrt(np.mean(record.command[:, j] ** 2))) for j in range(arm.n)]
+    return np.asarray(size * torque_per_input(arm))
 
 
 def _begun(arm: Arm, log: Log, starts: Rows) -> Array:

@@ -46,17 +46,17 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
     ]
     seen = predicted(at.shooting, [Lane(point.p, point.begun) for _, point in tried])
 
-    def evidence(design: Design, *free: int) -> float:
+    def evidence(design: Design, atoms: tuple[int, ...]) -> float:
         linear, spike = design.linear(), base.words.spike
-        amplitudes = {name for k in (*free, *(lead.atoms if lead else ())) for name in words.atoms[k].amplitudes}
+        amplitudes = {name for k in atoms for name in words.atoms[k].amplitudes}
         spike[[i for i, c in enumerate(base.words.columns) if c.parameter in amplitudes and c.atom >= 0]] = SLAB
         return max(settled(linear, spike, s).evidence for s in sizes)
 
     def judged(one: tuple[tuple[int, Point], Array]) -> float:
         (k, point), read = one
-        return evidence(base.seen(point, read), *(k,) * (lead is not None)) - none
+        return evidence(base.seen(point, read), (*lead.atoms, k) if lead else ()) - none
 
-    none = evidence(base)
+    none = evidence(base, lead.atoms if lead else ())
     with ThreadPoolExecutor(THREADS) as pool:
         gains = list(pool.map(judged, zip(tried, seen, strict=True)))
     found: dict[int, Start] = {}

@@ -23,7 +23,7 @@ import numpy as np
 from hdagen import late
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
-from hdagen.readings import full_torsion, limits, mechanical, unread
+from hdagen.readings import full_torsion, limits, mechanical, torque_per_input, unread
 
 THREADS = 2
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
@@ -89,9 +89,7 @@ class Shooting:
         self.path = late.Path(self.record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
         self.limit = limits(self.arm)
-        described = self.arm.parameters.described
-        gains = [described.get(f"torque_constant_{j}") for j in range(1, self.arm.n + 1)]
-        self.gains = np.array([gain.nominal if gain else 1.0 for gain in gains])  # N m of a unit of the input
+        self.gains = torque_per_input(self.arm)
         self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
 
     def predict(self, lane: Lane) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hdagen.channels import even
-from hdagen.diagnosis.record import Record
+from hdagen.diagnosis.record import Record, usual_torque
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 
@@ -52,19 +52,17 @@ def suggested(arm: Arm, record: Record) -> Suggested:
 def _units(arm: Arm, record: Record) -> dict[str, float]:
     """Usual torques at motors whose robot file has no dry friction, on which those in the manifest would be based: as
     if it were a share of the usual input."""
-    found: dict[str, float] = {}
-    for effect in arm.manifest["effects"]:
-        for j in effect["joints"] if effect["place"] == "motor" else ():
-            described = arm.parameters.described
-            if not j or described[f"coulomb_friction_{j}"].nominal:
-                continue
-            gain = described.get(f"torque_constant_{j}")
-            usual = float(np.sqrt(np.mean(record.command[:, j - 1] ** 2))) * (gain.nominal if gain else 1.0)
-            for name in (f"{a}_{j}" for a in effect["amplitudes"]):
-                q = described.get(name)
-                if q is not None and q.typical and q.unit in ("N m", "N") and usual > 0:
-                    found[name] = FRICTION * usual * q.typical
-    return found
+    described, usual = arm.parameters.described, usual_torque(arm, record)
+    names = [
+        (f"{a}_{j}", FRICTION * usual[j - 1])
+        for effect in arm.manifest["effects"]
+        if effect["place"] == "motor"
+        for j in effect["joints"]
+        if j and usual[j - 1] > 0 and not described[f"coulomb_friction_{j}"].nominal
+        for a in effect["amplitudes"]
+    ]
+    torques = [(described[name], size) for name, size in names if name in described]
+    return {q.name: size * q.typical for q, size in torques if q.typical and q.unit in ("N m", "N")}
 
 
 def _walls(arm: Arm, log: Log) -> dict[str, tuple[float, ...]]:
