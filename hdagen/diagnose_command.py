@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 EXAMPLE = """example:
   hdagen diagnose robot.toml log.parquet
   hdagen diagnose robot.toml log.parquet --hold-out other.parquet --out diagnosis-log
+  hdagen diagnose robot.toml monday.parquet tuesday.parquet
   hdagen diagnose --fleet fleet.toml
 
 writes diagnosis.json and report.html; `hdagen replay --with` and `hdagen adopt` take the former. With --fleet: a folder
@@ -39,9 +40,9 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", nargs="?", help="a preset or a robot.toml")
-    p.add_argument("log", nargs="?", type=Path, metavar="LOG", help=".csv, .parquet or .mat")
+    p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help=".csv, .parquet or .mat; several of one machine")
     p.add_argument("--columns", type=Path, metavar="columns.toml", help="names, units and signs of a foreign log")
-    p.add_argument("--hold-out", type=Path, metavar="LOG", help="another motion of the same machine")
+    p.add_argument("--hold-out", nargs="+", type=Path, metavar="LOG", help="other motions of the same machine")
     p.add_argument("--out", type=Path, metavar="DIR", help="default: ./diagnosis-<log or fleet>")
     p.add_argument("--fleet", type=Path, metavar="fleet.toml", help="many logs, a [[machine]] with robot and log each")
     p.add_argument(
@@ -61,7 +62,7 @@ def _check(options: argparse.Namespace) -> None:
 
     problems = []
     if options.fleet is None:
-        if options.robot is None or options.log is None:
+        if options.robot is None or not options.logs:
             problems.append("give a robot file and a log, or --fleet fleet.toml.")
         if options.jobs is not None:
             problems.append("--jobs: goes with --fleet only.")
@@ -91,15 +92,17 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.diagnose import diagnose
     from hdagen.log import LogError, read
 
-    out = _folder(options.out or Path(f"diagnosis-{options.log.stem}"))
+    out = _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}"))
     try:
-        log = read(options.log, columns=options.columns, holes=True)
-        held = read(options.hold_out, columns=options.columns, holes=True) if options.hold_out else None
+        logs, held = (
+            [read(path, columns=options.columns, holes=True) for path in paths or ()]
+            for paths in (options.logs, options.hold_out)
+        )
     except OSError as error:
         raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
     begun = time.monotonic()
     found = diagnose(
-        options.robot, log, held, lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}", file=sys.stderr)
+        options.robot, logs, held, lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}", file=sys.stderr)
     )
     _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
     report.write(found, out / "report.html")

@@ -8,8 +8,9 @@ the diagnosis has it among its candidates.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -73,33 +74,44 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
     return Log(log.time, log.columns, log.n_joints, log.source, tuple(dict.fromkeys(notes))), repairs
 
 
-def prepared(arm: Arm, log: Log, hold_out: Log | None) -> tuple[Log, Log | None, dict[str, Any]]:
-    """``log`` and ``hold_out`` repaired for a diagnosis with ``arm``, and what to say of the data, for a JSON file.
+def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[list[Log], list[Log], dict[str, Any]]:
+    """The logs and hold-outs, each repaired for a diagnosis with ``arm``, and what to say of the data, for a JSON file;
+    of the channels, that is what the first log has.
 
-    Raises LogError with the problems of both, and where the hold-out is the log itself.
+    Raises LogError with the problems of all, and where a log is given twice.
     """
-    if hold_out is not None and _same(log, hold_out):
-        raise LogError([f"{hold_out.source}: the hold-out is the log itself; give another motion."])
+    twice = [
+        f"{two.source}: the hold-out is the log itself; give another motion."
+        if one in logs and two in hold_out
+        else f"{two.source}: the same motion as {one.source}; leave one of them out."
+        for one, two in combinations((*logs, *hold_out), 2)
+        if _same(one, two)
+    ]
+    if twice:
+        raise LogError(twice)
     problems, done = [], []
-    for one in (log, hold_out) if hold_out is not None else (log,):
+    for one in (*logs, *hold_out):
         try:
             done.append(repair(one, arm))
         except LogError as error:
             problems += error.problems
     if problems:
         raise LogError(problems)
-    first = look(done[0][0], arm.robot)
-    seen = first.data()
-    said = {name: seen[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
-    said["skews"] = [f.sentence for f in first.findings if f.name == "skew"]
-    said["warnings"] = list(dict.fromkeys(s for one, _ in done for s in look(one, arm.robot).warnings))
+    seen = [look(one, arm.robot) for one, _ in done]
+    of_first = seen[0].data()
+    said = {name: of_first[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
+    said["skews"] = list(
+        dict.fromkeys(f.sentence for one in seen[: len(logs)] for f in one.findings if f.name == "skew")
+    )
+    said["warnings"] = list(dict.fromkeys(s for one in seen for s in one.warnings))
     said["repaired"] = [
         {"log": one.source, "name": each.name, "joint": each.joint, "what": each.sentence}
         for one, repairs in done
         for each in repairs
     ]
     said["refused"] = []  # a log that is refused ends in no diagnosis
-    return done[0][0], done[1][0] if hold_out is not None else None, said
+    ready = [one for one, _ in done]
+    return ready[: len(logs)], ready[len(logs) :], said
 
 
 def _same(log: Log, other: Log) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -78,11 +79,23 @@ def replay(
     check(arm, log)
     inputs, said = driven_by(arm, log, input)
     notes += said
-    starts = window_starts(log.time, window)
-    acting, shown = acted_on(arm, log, inputs, input)
-    states, said = _predict(arm, log, acting, starts)
-    notes += said
-    return compare(arm, log, states, shown, starts, notes)
+    starts, states, shown = [], [], []
+    for first, end in _recordings(log.time, window):
+        part = log.rows(first, end)
+        acting, at = acted_on(arm, part, inputs[first:end], input)
+        own = window_starts(part.time, window)
+        x, said = _predict(arm, part, acting, own)
+        notes += said
+        starts.append(first + own)
+        states.append(x)
+        shown.append(at)
+    return compare(arm, log, *(np.concatenate(each) for each in (states, shown, starts)), notes)
+
+
+def _recordings(time: Array, window: float) -> list[tuple[int, int]]:
+    """Rows [first, end) between pauses that are longer than a window: over them nothing carries on."""
+    edges = [0, *(np.flatnonzero(np.diff(time) > window) + 1).tolist(), len(time)]
+    return list(pairwise(edges))
 
 
 def check(arm: Arm, log: Log) -> None:

@@ -266,16 +266,18 @@ def test_a_joint_that_is_pulled_along_is_not_refused(good: Log, arm: Arm) -> Non
 
 def test_a_log_and_its_hold_out_are_prepared_together(good: Log, arm: Arm) -> None:
     first, last = good.rows(0, 1800), good.rows(1200, 3000)
-    log, held, data = prepared(arm, times(1e3, "motor_current_2")(first), dropped(0.03)(last))
-    assert held is not None and same(log, first) and len(held) < len(last)
+    (log,), (held,), data = prepared(arm, [times(1e3, "motor_current_2")(first)], [dropped(0.03)(last)])
+    assert same(log, first) and len(held) < len(last)
     assert [(one["name"], one["joint"]) for one in data["repaired"]] == [("milliamperes", 2), ("dropped", 0)]
     assert data["rows"] == 1800 and data["dropped"] == 0 and data["refused"] == [] and data["lags"]
     assert any("3 % of the log" in sentence or "row(s) are missing" in sentence for sentence in data["warnings"])
     json.dumps(data, allow_nan=False)
     with pytest.raises(LogError, match="the hold-out is the log itself"):
-        prepared(arm, good, good)
+        prepared(arm, [good], [good])
+    with pytest.raises(LogError, match="leave one of them out"):
+        prepared(arm, [first, first], [last])
     with pytest.raises(LogError) as raised:
-        prepared(arm, times(-1, "motor_position_1")(first), last.rows(0, 300))
+        prepared(arm, [times(-1, "motor_position_1")(first)], [last.rows(0, 300)])
     assert any("reversed" in problem for problem in raised.value.problems)
     assert any("lasts 0.299 s" in problem for problem in raised.value.problems)
 

@@ -1,5 +1,5 @@
 """Something stiff beyond an angle. Legend: q_a, q_b angles above and below which it is met; k_a, k_b stiffnesses, N
-m/rad."""
+m/rad; c damping by depth, s/rad."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,10 +10,13 @@ from gen.effect import Effect, Parameter, Port, Signals
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:
-    """−k_a max(q − q_a, 0) + k_b max(q_b − q, 0)."""
+    """−k_a max(q − q_a, 0) (1 + c q̇)⁺ + k_b max(q_b − q, 0) (1 − c q̇)⁺: it damps and never holds back."""
     above = ca.fmax(s.joint_position - p["contact_above"], 0)
     below = ca.fmax(p["contact_below"] - s.joint_position, 0)
-    return p["contact_stiffness_below"] * below - p["contact_stiffness_above"] * above
+    rate = p["contact_damping"] * s.joint_velocity
+    return p["contact_stiffness_below"] * below * ca.fmax(1 - rate, 0) - p["contact_stiffness_above"] * above * ca.fmax(
+        1 + rate, 0
+    )
 
 
 EFFECT = Effect(
@@ -48,6 +51,7 @@ EFFECT = Effect(
             10.0,
             "joint angle above which it is met",
             starts=(1.0, 0.5, 0.0, 2.0),
+            typical=0.02,
             sliding="m",
         ),
         Parameter(
@@ -58,11 +62,21 @@ EFFECT = Effect(
             10.0,
             "joint angle below which it is met",
             starts=(-1.0, -0.5, 0.0, -2.0),
+            typical=0.02,
             sliding="m",
+        ),
+        Parameter(
+            "contact_damping",
+            "s/rad",
+            0.0,
+            0.0,
+            20.0,
+            "of what is met, by its depth",
+            starts=(0.5,),
+            sliding="s/m",
         ),
     ),
     amplitudes=("contact_stiffness_above", "contact_stiffness_below"),
     equation=torque,
-    citation="Gilardi, Sharf, Mech. Mach. Theory 37 (2002) 1213, linear elastic contact; size: foam or a hose, 1e4"
-    " N/m at 0.1 m",
+    citation="Hunt, Crossley, J. Appl. Mech. 42 (1975) 440; size: foam or a hose, 1e4 N/m at 0.1 m",
 )

@@ -1,4 +1,5 @@
-"""A joint encoder whose disc is off centre. Legend: q joint angle; a, b sine and cosine amplitude, rad."""
+"""A joint encoder whose disc is off centre. Legend: q joint angle; a, b sine and cosine amplitude, z what is taken off
+so that the encoder reads zero where it was set to zero; rad."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,8 +10,9 @@ from gen.effect import Effect, Parameter, Port, Signals
 
 
 def error(s: Signals, p: Mapping[str, Any]) -> Any:
-    """a sin q + b cos q."""
-    return p["eccentricity_sine"] * ca.sin(s.joint_position) + p["eccentricity_cosine"] * ca.cos(s.joint_position)
+    """a sin q + b cos q − z."""
+    q = s.joint_position
+    return p["eccentricity_sine"] * ca.sin(q) + p["eccentricity_cosine"] * ca.cos(q) - p["eccentricity_zero"]
 
 
 EFFECT = Effect(
@@ -23,8 +25,11 @@ EFFECT = Effect(
         Parameter(
             "eccentricity_cosine", "rad", 0.0, -0.05, 0.05, "error of the joint encoder once a turn", typical=0.0005
         ),
+        Parameter(
+            "eccentricity_zero", "rad", 0.0, -0.05, 0.05, "that error where the encoder was set to zero", typical=0.0005
+        ),
     ),
-    amplitudes=("eccentricity_sine", "eccentricity_cosine"),
+    amplitudes=("eccentricity_sine", "eccentricity_cosine", "eccentricity_zero"),
     equation=error,
     citation="Sanchez-Brea, Morlanes, Meas. Sci. Technol. 19 (2008) 115104; size: 20 µm on a disc of 80 mm diameter",
     prismatic=False,

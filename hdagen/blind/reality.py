@@ -27,7 +27,7 @@ STEP = PERIOD / STEPS
 MOST_CURRENT = 12.0  # A, that the controller asks for at most
 BANDWIDTH = 55.0  # rad/s, of the position loop
 _ALMOST_ONE = 0.9999  # MuJoCo's hardest impedance: dry friction creeps by a millionth of the speed it stops
-_IMPEDANCE = 0.9  # of a wall
+_IMPEDANCE = 0.02  # of a wall: a spring; near 1 MuJoCo's contact moves as if it had many times the arm's mass
 _RADIUS = 0.01  # m, of what meets a wall
 
 
@@ -151,15 +151,17 @@ class _Run:
         self._rest()
 
     def _stiffen_walls(self) -> None:
-        """A wall's stiffness at the joint, as MuJoCo's contact has it at this impedance and body weights."""
+        """A wall's stiffness at the joint and its damping ratio, as MuJoCo's contact has them at this impedance and body
+        weights."""
         m = self.model
         for k in range(m.npair):
             j = int(m.geom(m.pair_geom1[k]).name[-1])
             p, length = self.world.effects[j]["contact"], self.world.joints[j]["length"]
             mobility = float(m.body_invweight0[m.geom_bodyid[m.pair_geom1[k]], 0])
             mobility += float(m.body_invweight0[m.geom_bodyid[m.pair_geom2[k]], 0])
-            stiffness = p["stiffness"] / length**2 * mobility * (1.0 - _IMPEDANCE) / _IMPEDANCE * _IMPEDANCE**2
-            m.pair_solref[k] = (-stiffness, -2.0 * p["damping"] * math.sqrt(stiffness))
+            stiffness = p["stiffness"] / length**2 * mobility * (1.0 - _IMPEDANCE)
+            damping = 2.0 * p["damping"] * math.sqrt(stiffness * (1.0 - _IMPEDANCE))
+            m.pair_solref[k] = (-stiffness, -damping)
 
     def _rest(self) -> None:
         """At rest at the motion's first point: the springs carry the links, friction and a held current the motors."""

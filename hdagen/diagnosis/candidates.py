@@ -149,7 +149,8 @@ class Dictionary:
         for name in dict.fromkeys(shapes):
             q = arm.parameters.described[name]
             value = float(p[names.index(name)])
-            unit = max(SHAPE * abs(value), LEAST * (q.high - q.low)) if q.low >= 0 else 0.1 * (q.high - q.low) / 2
+            broad = max(SHAPE * abs(value), LEAST * (q.high - q.low)) if q.low >= 0 else 0.1 * (q.high - q.low) / 2
+            unit = q.typical or broad
             columns.append(Column(name, names.index(name), value, unit, 1.0, -1, True, NEAR))
         return Dictionary(self.atoms, tuple(columns), focus.meant)
 

@@ -18,7 +18,8 @@ from hdagen.diagnosis.record import usual_torque
 from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.plant import Array
 
-KNOTS = 4  # steps of unexplained torque in a window
+STEPS = 16  # of unexplained torque in a window, shared by the motors and links that it acts on: time and memory
+FEWEST_STEPS, FEWEST_ROWS = 2, 3  # of each, and of data in one
 KICKS = 5  # impulses on a link in a step
 SHARE = 0.02  # of the usual motor torque: unit of unexplained torque
 START = 3.0  # noise, by which a first position is moved
@@ -107,8 +108,16 @@ def torque_units(shooting: Shooting) -> Array:
     return SHARE * np.maximum(np.maximum(usual_torque(arm, shooting.record), 0.1 * np.array(friction)), 1e-6)
 
 
+def knots(shooting: Shooting) -> int:
+    """Steps of unexplained torque in a window at each motor and each link of a flexible joint: the more, the less of a
+    real machine's torque within a step is taken for noise."""
+    arm, record = shooting.arm, shooting.record
+    rows = int((record.ends - record.starts).min())
+    return max(min(STEPS // (arm.n + len(arm.manifest["flexible"])), rows // FEWEST_ROWS), FEWEST_STEPS)
+
+
 def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:
-    """Everything about one point: 1 + m + 2 n KNOTS + parameters lanes."""
+    """Everything about one point, a lane each: itself, first states, steps of torque, parameters."""
     torques = [(lane, 1.0) for lane in _torques(shooting, point)]
     lanes = _first(shooting, point) + torques + [_moved(shooting, words, point, c) for c in words.columns]
     seen, columns = _differences(shooting, point, lanes)
@@ -210,17 +219,17 @@ def _first_steps(shooting: Shooting) -> list[float]:
 def _torques(shooting: Shooting, point: Point) -> list[Lane]:
     """A step of torque in each part of the windows, at each motor and, in a flexible joint, each link."""
     arm, record = shooting.arm, shooting.record
-    units, lanes = torque_units(shooting), []
-    edges = [np.linspace(a, b, KNOTS + 1).round().astype(int) for a, b in zip(record.starts, record.ends, strict=True)]
+    units, lanes, steps = torque_units(shooting), [], knots(shooting)
+    edges = [np.linspace(a, b, steps + 1).round().astype(int) for a, b in zip(record.starts, record.ends, strict=True)]
     for j in range(1, arm.n + 1):
-        for k in range(KNOTS):
+        for k in range(steps):
             torque = np.zeros((len(record.time), arm.n))
             for edge in edges:
                 torque[edge[k] : edge[k + 1], j - 1] = units[j - 1]
             lanes.append(Lane(point.p, point.begun, torque=torque))
     for j in arm.manifest["flexible"]:
         unit = units[j - 1] * abs(arm.parameters[f"ratio_{j}"])
-        for k in range(KNOTS):
+        for k in range(steps):
             impulse = np.zeros((len(record.time), arm.n))
             for edge in edges:
                 rows = np.unique(np.linspace(edge[k], edge[k + 1], KICKS, endpoint=False).astype(int))

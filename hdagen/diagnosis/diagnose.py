@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.whereabouts import where
+from hdagen.joined import joined
 from hdagen.log import Log
 from hdagen.plant import load
 from hdagen.repair import prepared
@@ -43,17 +44,16 @@ class Diagnosis:
     sight: Sight  # ``held_out`` through the models of both replays
 
 
-def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[str], None]) -> Diagnosis:
-    """Diagnose ``log``; the gap is measured on ``hold_out``, else on the last fifth of the log, which the fit does not
-    see. Raises LogError where a log cannot carry a diagnosis, PlantError where the model cannot be had."""
+def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], say: Callable[[str], None]) -> Diagnosis:
+    """Diagnose logs of one machine together; the gap is measured on the logs ``hold_out``, else on the last fifth of
+    each log, which the fit does not see. Raises LogError where a log cannot carry a diagnosis, PlantError where the
+    model cannot be had."""
     say("model")
     plain = load(robot)
-    check(plain, log)
-    if hold_out is not None:
-        check(plain, hold_out)
-    log, hold_out, of_data = prepared(plain, log, hold_out)
-    cut = round((1 - HELD_OUT) * len(log)) if hold_out is None else 0
-    fitted_on, held_out = (log.rows(0, cut), log) if hold_out is None else (log, hold_out)
+    for log in (*logs, *hold_out):
+        check(plain, log)
+    logs, hold_out, of_data = prepared(plain, logs, hold_out)
+    fitted_on, held_out, cut = _parted(logs, hold_out)
     arm = load(robot, "native", ("all",))
     seen = record(arm, fitted_on, max(WINDOW, FEWEST * log.period))
     found = search(Shooting(arm, seen), say)
@@ -72,17 +72,28 @@ def diagnose(robot: str | Path, log: Log, hold_out: Log | None, say: Callable[[s
     sight = look(changed, content, held_out, before, after)
     content["where"] = where(sight, content, cut)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
-    content["data"] = _data(log, held_out, hold_out is None) | of_data
+    content["data"] = _data(logs, hold_out) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut, sight)
 
 
-def _data(log: Log, held_out: Log, own: bool) -> dict[str, Any]:
+def _parted(logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[Log, Log, int]:
+    """What is fitted, what is held out, and the row of the latter from which on the fit saw nothing."""
+    if hold_out:
+        return joined(logs), joined(hold_out), 0
+    cuts = [round((1 - HELD_OUT) * len(log)) for log in logs]
+    fitted_on = joined([log.rows(0, cut) for log, cut in zip(logs, cuts, strict=True)])
+    if len(logs) == 1:  # from its first row, so that what an effect remembers is right at the cut
+        return fitted_on, logs[0], cuts[0]
+    return fitted_on, joined([log.rows(cut, len(log)) for log, cut in zip(logs, cuts, strict=True)]), 0
+
+
+def _data(logs: Sequence[Log], hold_out: Sequence[Log]) -> dict[str, Any]:
     return {
-        "log": log.source,
-        "rate": 1 / log.period,
-        "duration": float(log.time[-1] - log.time[0]),
-        "held_out": f"the last {100 * HELD_OUT:g} % of the log" if own else held_out.source,
-        "notes": list(log.notes),
+        "log": ", ".join(log.source for log in logs),
+        "rate": 1 / logs[0].period,
+        "duration": sum(float(log.time[-1] - log.time[0]) for log in logs),
+        "held_out": ", ".join(log.source for log in hold_out) or f"the last {100 * HELD_OUT:g} % of each log",
+        "notes": list(dict.fromkeys(note for log in logs for note in log.notes)),
     }
 
 

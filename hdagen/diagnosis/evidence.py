@@ -14,7 +14,7 @@ no model is true).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -79,16 +79,20 @@ def posteriors(
     return [made[k] for k in sorted(made)]
 
 
-def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None) -> Posterior:
-    """The posterior at one size of unexplained torque, the windows weighed anew until their scales stand."""
-    reduced = linear.reduced(float(s))
-    kappa2 = reduced.scales(linear.theta)
+def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None, reach: float = np.inf) -> Posterior:
+    """The posterior at one size of unexplained torque, the windows weighed anew until their scales stand. ``reach``:
+    prior standard deviations, within which it stays near the point where the model was measured; the evidence is then
+    none of the whole."""
+    reduced, nearer = linear.reduced(float(s)), 1.0 / (1.0 + reach**2)
+    kappa2, center = reduced.scales(linear.theta), nearer * linear.theta
+    about, width = reduced.about(center), np.sqrt(1.0 - nearer) * spike
+    within = None if bounds is None else (bounds[0] - center, bounds[1] - center)
     for _ in range(SCALES):
-        found = posterior(reduced, spike, float(s), kappa2, bounds)
-        old, kappa2 = kappa2, reduced.scales(found.mean)
+        found = posterior(about, width, float(s), kappa2, within)
+        old, kappa2 = kappa2, reduced.scales(found.mean + center)
         if np.abs(np.log(kappa2 / old)).max() < STILL:
             break
-    return found
+    return replace(found, mean=found.mean + center)
 
 
 def posterior(

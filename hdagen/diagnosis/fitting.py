@@ -3,6 +3,7 @@
 Every hypothesis begins at the robot file's own numbers. From the best fit of another it would not find its own: what
 the other bent base parameters by lies behind a curved valley.
 
+Source: Marquardt, J. Soc. Indust. Appl. Math. 11 (1963) 431 (steps held near, so far as the linear model holds).
 Legend: θ parameters in usual sizes; s size of unexplained torque; κ scale of what a window leaves.
 """
 
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.diagnosis.candidates import SLAB, Dictionary
-from hdagen.diagnosis.design import KNOTS, Design, Point, chosen, design, renewed
+from hdagen.diagnosis.design import Design, Point, chosen, design, knots, renewed
 from hdagen.diagnosis.evidence import Scored, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear
 from hdagen.plant import Array
@@ -22,7 +23,8 @@ TEMPERATURE = 3.0  # at least: fits of one log that end in different places diff
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 TEMPERATURES = np.geomspace(1.0, 1e4, 17)
 CHORDS = 3
-SHARES = (1.0, 0.5, 0.2, 0.05)
+REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
+KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 ENOUGH = 1.0  # of log evidence that a step must bring for another one with the same columns
 
@@ -108,41 +110,43 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float) -> Fitted:
 
 
 def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
-    """Standard deviations of θ (P) with the effects of a hypothesis free."""
-    prior = at.words.spike
-    prior[at.words.free(atoms)] = SLAB
+    """Standard deviations of θ (P) with the effects of a hypothesis free: as wide as these are large, if that is more
+    than usual, as walls and dampers come in all orders of magnitude."""
+    prior, free = at.words.spike, at.words.free(atoms)
+    prior[free] = np.maximum(np.abs(at.words.theta(at.point.p)[free]), SLAB)
     return prior
 
 
 def _by_joint(at: Design, torque: Array) -> Array:
     """Root mean square of torques (W, k) at each joint (n), at its motor and its link together."""
     arm = at.shooting.arm
-    owners = np.repeat([*range(1, arm.n + 1), *arm.manifest["flexible"]], KNOTS)
+    owners = np.repeat([*range(1, arm.n + 1), *arm.manifest["flexible"]], knots(at.shooting))
     if not torque.shape[1]:
         return np.zeros(arm.n)
     return np.array([np.sqrt(np.mean(torque[:, owners == j] ** 2)) for j in range(1, arm.n + 1)])
 
 
 def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
-    """Newton's steps with the columns kept, towards the most probable point of a hypothesis."""
+    """Newton's steps with the columns kept, towards the most probable point of a hypothesis, each as far as the linear
+    model holds: what it tells only roughly is a valley, along which a whole step would fly."""
     words, s, prior = at.words, lead.at.s, _prior(at, atoms)
     bounds, linear = words.bounds(at.shooting.arm), at.linear()
-    old = words.theta(at.point.p)
-    cost = linear.reduced(s).cost(old, prior)
+    cost = linear.reduced(s).cost(linear.theta, prior)
     for _ in range(CHORDS):
-        theta = settled(linear, prior, s, bounds).mean
-        begun = np.zeros_like(at.point.begun)
-        begun[at.shooting.record.kept] = linear.inner(s, theta)[0]
-        for share in SHARES:
-            point = placed(at, old + share * (theta - old), at.point.begun + share * begun)
-            trial, there = _tried(at, linear, s, point)
-            reached = words.theta(trial.point.p)
-            value = there.reduced(s).cost(reached, prior)
-            if value < cost:
+        best = cost, at, linear
+        for reach in REACHES:
+            theta = settled(linear, prior, s, bounds, reach).mean
+            promised = cost - linear.reduced(s).cost(theta, prior)
+            begun = at.point.begun.copy()
+            begun[at.shooting.record.kept] += linear.inner(s, theta)[0]
+            trial, there = _tried(at, linear, s, placed(at, theta, begun))
+            value = there.reduced(s).cost(there.theta, prior)
+            worse = best[0] <= value
+            if not worse:
+                best = value, trial, there
+            if cost - value >= KEPT * promised or (worse and best[1] is not at):
                 break
-        else:
-            break
-        gain, at, linear, cost, old = cost - value, trial, there, value, reached
+        gain, (cost, at, linear) = cost - best[0], best
         if gain < ENOUGH:
             break
     return at

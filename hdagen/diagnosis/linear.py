@@ -117,6 +117,11 @@ class Reduced:
     logdet: float
     freedom: Array
 
+    def about(self, center: Array) -> Reduced:
+        """The same for θ less ``center`` (P)."""
+        N = self.N @ center
+        return Reduced(self.N, self.b - N, self.c + (N - 2 * self.b) @ center, self.logdet, self.freedom)
+
     def chi2(self, theta: Array) -> Array:
         """What each window (W) leaves at θ, in units of noise, squared."""
         return np.asarray(np.maximum(self.c - 2 * self.b @ theta + (self.N @ theta) @ theta, 0.0))

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hdagen.diagnosis.candidates import Dictionary
-from hdagen.diagnosis.design import KNOTS, Point, design
+from hdagen.diagnosis.design import Point, design, knots
 from hdagen.diagnosis.fitting import Fitted, advanced, begun
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested
@@ -46,7 +46,8 @@ def _orders(fit: Fitted, j: int) -> tuple[float, ...]:
     """The clearest orders of joint j, the clearest first; none where none stands out."""
     shooting = fit.design.shooting
     torque = fit.design.linear().inner(max(fit.score.at.s, 1e-3), fit.posterior[0])[1]
-    own = torque[:, (j - 1) * KNOTS : j * KNOTS].reshape(-1)
+    steps = knots(shooting)
+    own = torque[:, (j - 1) * steps : j * steps].reshape(-1)
     waves = _waves(shooting, j)
     gains = np.array([_gain(own, wave) for wave in waves])
     best = np.argsort(-gains)[:KEPT]
@@ -61,9 +62,9 @@ def _waves(shooting: Shooting, j: int) -> Array:
     theta = record.log[name] if name in record.log else ratio * record.log[f"joint_position_{j}"]
     turned = np.exp(1j * ORDERS[:, None] * theta)
     sums = np.concatenate([np.zeros((len(ORDERS), 1)), np.cumsum(turned, axis=1)], axis=1)
-    parts = []
+    parts, steps = [], knots(shooting)
     for first, end in record.edges[record.kept]:
-        edge = np.linspace(first, end, KNOTS + 1).round().astype(int)
+        edge = np.linspace(first, end, steps + 1).round().astype(int)
         parts.append((sums[:, edge[1:]] - sums[:, edge[:-1]]) / np.diff(edge))
     mean = np.concatenate(parts, axis=1)
     return np.stack([mean.real, mean.imag], 2)

@@ -130,22 +130,22 @@ def _begun(arm: Arm, log: Log, starts: Rows) -> Array:
     readings = Readings.of(arm, log)
     x = np.zeros((len(starts), arm.nx))
     known: set[int] = set()
-    reach = max(3, round(REACH / log.period))
+    reach, parts = max(3, round(REACH / log.period)), np.array(segments(log.time))
+    within = parts[np.searchsorted(parts[:, 0], starts, side="right") - 1]  # no parabola reaches over a gap
     for k, place in enumerate(readings.places):
         name = arm.state_names[place]
         if "position" not in name:
             continue
         rate = arm.index(name.replace("position", "velocity"))
-        for w, row in enumerate(starts):
-            span = slice(max(0, row - reach), min(len(log), row + reach + 1))
+        for w, (row, (first, end)) in enumerate(zip(starts, within, strict=True)):
+            span = slice(max(first, row - reach), min(end, row + reach + 1))
             t = log.time[span] - log.time[row]
             fit = np.polyfit(t, readings.measured[span, k] / readings.factors[k], 2)
             x[w, place], x[w, rate] = fit[2], fit[1]
         known |= {place, rate}
     x[:, : mechanical(arm)] = complete(arm, x, known)[:, : mechanical(arm)]
     if starts[0] == 0:  # the log begins at rest unless velocities are logged
-        first = x[0]
         for k, name in enumerate(arm.state_names[: mechanical(arm)]):
-            if "velocity" in name and abs(first[k]) < 1e-2 * arm.manifest["state"][k]["bound"]:
-                first[k] = 0.0
+            if "velocity" in name and abs(x[0, k]) < 1e-2 * arm.manifest["state"][k]["bound"]:
+                x[0, k] = 0.0
     return x

@@ -309,7 +309,7 @@ def _data(content: dict[str, Any]) -> Section:
 
 
 def _again(robot: str, content: dict[str, Any]) -> str:
-    log, held = content["data"]["log"], content["data"]["held_out"]
+    log, held = (content["data"][key].replace(", ", " ") for key in ("log", "held_out"))
     other = "" if held.startswith("the last") else f" --hold-out {held}"
     digest = content["robot"].get("sha256")
     return (

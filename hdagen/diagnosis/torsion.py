@@ -1,0 +1,142 @@
+"""What the difference of both encoders of a joint shows beside the torque that twists it: backlash where that changes
+sign, the joint encoder's bias, eccentricity and age, the kinematic error, and walls that push the link back.
+
+Least squares, rows that are out of line weighed less, on the torque of the inverse dynamics. The signs: the spring
+holds against what pushes the link back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.channels import even
+from hdagen.diagnosis.record import Record
+from hdagen.plant import Arm, Array
+from hdagen.readings import full_torque
+
+TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # of the kinematic error, with the words of its parameters
+LOADED = 0.1  # of its usual torque, from which a joint's torque has a sign for certain
+PASSES = 6  # of weighing rows anew
+BEYOND = np.geomspace(0.002, 0.3, 60)  # shares of the rows that lie beyond a wall that is tried
+CLEAR = 0.7  # of the sum of what is left of the torque, that a wall must leave at most
+POINTS = 401  # of the law of torsion
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Twist:
+    """Of one joint: ``seen`` sizes and ``shapes`` by parameter, in its unit."""
+
+    seen: dict[str, float]
+    shapes: dict[str, float]
+
+
+def torsion(arm: Arm, record: Record) -> list[Twist]:
+    """What each flexible joint with both encoders shows."""
+    log, n, described = record.log, arm.n, arm.parameters.described
+    if not arm.manifest["flexible"] or any(f"joint_position_{j}" not in log for j in range(1, n + 1)):
+        return []
+    grid = even(log.time)
+    q = np.stack([grid.smooth(log[f"joint_position_{j}"]) for j in range(1, n + 1)], 1)
+    v = np.stack([grid.rate(column) for column in q.T], 1)
+    a = np.stack([grid.rate(column) for column in v.T], 1)
+    held = record.command[np.clip(np.searchsorted(log.time, grid.time, side="right") - 1, 0, None)]
+    torque = arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=held[:, n:])["joint_torque"]
+    found = []
+    for j in arm.manifest["flexible"]:
+        if f"motor_position_{j}" not in log:
+            continue
+        tau = torque[:, j - 1]
+        theta, read = (np.interp(grid.time, log.time, log[f"{side}_position_{j}"]) for side in ("motor", "joint"))
+        terms = {name: term for name, term in _terms(j, theta, q, v, tau).items() if name in described}
+        loaded = np.abs(tau) > LOADED * float(np.sqrt(np.mean(tau**2)))
+        twist = theta / arm.parameters[f"ratio_{j}"] - read
+        law = _law(arm, j)
+        columns = np.stack([*terms.values(), np.interp(tau, *law), tau, grid.rate(tau)], 1)
+        values = _regressed(columns[loaded], twist[loaded])
+        seen = {
+            name: float(np.clip(value, described[name].low, described[name].high))
+            for name, value in zip(terms, values, strict=False)
+        }
+        borne = twist - columns[:, : len(terms)] @ values[: len(terms)]
+        untold = np.interp(borne, *reversed(law)) - tau  # what pushes the link back
+        sizes, shapes = _walls(arm, j, q[:, j - 1], untold)
+        found.append(Twist(seen | _zeroed(j, seen) | sizes, shapes))
+    return found
+
+
+def _law(arm: Arm, j: int) -> tuple[Array, Array]:
+    """Torques at joint j, rising, and the torsion that each twists it by in the robot file's law."""
+    torque = np.linspace(-1.0, 1.0, POINTS)[:, None] * full_torque(arm)
+    return torque[:, j - 1], arm.evaluate("torsion", joint_torque=torque)["torsion"][:, j - 1]
+
+
+def _walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, float], dict[str, float]]:
+    """Stiffness and angle of the wall above and of the one below that tell most of the torque with which joint j is
+    pushed back, each where one stands out and is stiffer than what is usual."""
+    sizes, shapes = {}, {}
+    for side, sign in (("above", 1.0), ("below", -1.0)):
+        name = f"contact_stiffness_{side}_{j}"
+        if name not in arm.parameters.described:
+            continue
+        pushed, most = sign * torque, float(np.abs(torque).sum())
+        fits = [_spring(depth, pushed) for depth in np.maximum(sign * angle - _quantiles(sign * angle), 0.0)]
+        stiffness, missed = min(fits, key=lambda fit: fit[1])
+        if missed < CLEAR * most and stiffness > arm.parameters.described[name].typical:
+            at = _quantiles(sign * angle)[fits.index((stiffness, missed)), 0]
+            sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * at)
+    return sizes, shapes
+
+
+def _quantiles(angle: Array) -> Array:
+    """Angles (60, 1) of a wall that are tried."""
+    return np.quantile(angle, 1.0 - BEYOND)[:, None]
+
+
+def _spring(depth: Array, torque: Array) -> tuple[float, float]:
+    """The stiffness that gives ``torque`` with the least sum of errors, and that sum: bounces err much, but few rows."""
+    within = depth > 0
+    rates, weights = torque[within] / depth[within], depth[within]
+    order = np.argsort(rates)
+    half = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
+    stiffness = max(float(rates[order][min(half, len(order) - 1)]), 0.0) if len(order) else 0.0
+    return stiffness, float(np.abs(torque - stiffness * depth).sum())
+
+
+def _zeroed(j: int, found: Mapping[str, float]) -> dict[str, float]:
+    """The constant between the encoders: as much of it as may come from where an encoder off centre was set to zero."""
+    bias = found[f"encoder_bias_{j}"]
+    most = math.hypot(found.get(f"eccentricity_sine_{j}", 0.0), found.get(f"eccentricity_cosine_{j}", 0.0))
+    zero = float(np.clip(-bias, -most, most))
+    return {f"encoder_bias_{j}": bias + zero, f"eccentricity_zero_{j}": zero} if most > 0 else {}
+
+
+def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Array]:
+    """What a unit of each parameter adds to the motor's angle over the ratio less what the joint's encoder reads."""
+    angle = q[:, j - 1]
+    terms = {
+        f"encoder_bias_{j}": -np.ones_like(angle),
+        f"eccentricity_sine_{j}": -np.sin(angle),
+        f"eccentricity_cosine_{j}": -np.cos(angle),
+        f"sensor_delay_{j}": v[:, j - 1],
+        f"backlash_angle_{j}": 0.5 * np.sign(tau),
+    }
+    for k, word in TURNS:
+        terms[f"kinematic_sine_{word}_{j}"] = -np.sin(k * theta)
+        terms[f"kinematic_cosine_{word}_{j}"] = -np.cos(k * theta)
+    return terms
+
+
+def _regressed(matrix: Array, sought: Array) -> Array:
+    """Coefficients of the columns of ``matrix`` that give ``sought`` best."""
+    scale = np.maximum(np.abs(matrix).max(0), 1e-300)
+    matrix, weight = matrix / scale, np.ones(len(sought))
+    for _ in range(PASSES):
+        found = np.linalg.lstsq(matrix * weight[:, None], sought * weight, rcond=1e-9)[0]
+        left = sought - matrix @ found
+        weight = 1.0 / np.sqrt(1.0 + (left / max(2.0 * float(np.median(np.abs(left))), 1e-300)) ** 2)
+    return np.asarray(found / scale)

@@ -1,0 +1,41 @@
+"""Several logs of one machine as one, for a diagnosis that takes them together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hdagen.log import Log, LogError
+
+PAUSE = 1.0  # s from the last row of a log to the first of the next: no window reaches over it
+ALIKE = 1.5  # ratio of periods up to which logs are taken together
+
+
+def joined(logs: Sequence[Log]) -> Log:
+    """The logs one after another, with the channels that all of them have. Raises LogError where they were recorded at
+    different rates or of different machines."""
+    first = logs[0]
+    if len(logs) == 1:
+        return first
+    problems = [
+        f"{log.source}: {log.n_joints} joint(s) at {1 / log.period:.4g} Hz, {first.source} has {first.n_joints} at "
+        f"{1 / first.period:.4g} Hz: diagnose logs of one machine and one rate together, others one by one."
+        for log in logs[1:]
+        if log.n_joints != first.n_joints
+        or not 1 / ALIKE < log.period / first.period < ALIKE  # windows have as many rows
+    ]
+    if problems:
+        raise LogError(problems)
+    shared = [name for name in first.columns if all(name in log for log in logs)]
+    left = sorted({name for log in logs for name in log.columns} - set(shared))
+    times, end = [], 0.0
+    for log in logs:
+        times.append(log.time - log.time[0] + end)
+        end = float(times[-1][-1]) + PAUSE
+    notes = [note for log in logs for note in log.notes]
+    if left:
+        notes.append(f"Not in every log, and left out: {', '.join(left)}.")
+    columns = {name: np.concatenate([log[name] for log in logs]) for name in shared}
+    source = ", ".join(log.source for log in logs)
+    return Log(np.concatenate(times), columns, first.n_joints, source, tuple(dict.fromkeys(notes)))
