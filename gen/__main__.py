@@ -81,10 +81,10 @@ def _time(options: argparse.Namespace) -> int:
 
 def _effects(options: argparse.Namespace) -> tuple[str, ...]:
     names = {name.strip() for name in options.effects.split(",") if name.strip()}
-    if names == {"all"}:  # but not what changes the drive itself
+    if "all" in names:  # but not what changes the drive itself
         from gen.effects import ALL
 
-        names = {effect.name for effect in ALL} - {"missing_compliance"}
+        names = {effect.name for effect in ALL if effect.name != "missing_compliance"} | names - {"all"}
     return tuple(sorted(names))
 
 

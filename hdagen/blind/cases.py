@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from hdagen.blind.sizes import SIZES, Size, unknown
+from hdagen.blind.sizes import SIZES, WHOLE, Size, unknown
 
 BACKGROUND = 0.04  # of every typical size
 LEAST, MOST = 0.5, 1.5  # of the typical size: what a named effect has
@@ -195,7 +195,7 @@ def parameters(
     found = {}
     for effect, size in SIZES.items():
         for joint in _joints(size):
-            much = truth.get((effect, joint), case.background)
+            much = truth.get((effect, joint), 0.0 if effect in WHOLE else case.background)
             if much:
                 base = {**nominal.joints[max(joint, 1) - 1], **ends[max(joint, 1)]}
                 found[effect, joint] = size.draw(much * size.typical, stream(str(case.seed), effect, joint), base)

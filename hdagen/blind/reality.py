@@ -27,7 +27,7 @@ STEP = PERIOD / STEPS
 MOST_CURRENT = 12.0  # A, that the controller asks for at most
 BANDWIDTH = 55.0  # rad/s, of the position loop
 _ALMOST_ONE = 0.9999  # MuJoCo's hardest impedance: dry friction creeps by a millionth of the speed it stops
-_IMPEDANCE = 0.02  # of a wall: a spring; near 1 MuJoCo's contact moves as if it had many times the arm's mass
+_IMPEDANCE = 0.02  # of a wall: near 1 MuJoCo's contact has many times the arm's inertia
 _RADIUS = 0.01  # m, of what meets a wall
 
 
@@ -151,8 +151,8 @@ class _Run:
         self._rest()
 
     def _stiffen_walls(self) -> None:
-        """A wall's stiffness at the joint and its damping ratio, as MuJoCo's contact has them at this impedance and body
-        weights."""
+        """A wall's stiffness at the joint and its damping ratio, as MuJoCo's contact has them at this impedance and
+        body weights."""
         m = self.model
         for k in range(m.npair):
             j = int(m.geom(m.pair_geom1[k]).name[-1])

@@ -148,11 +148,10 @@ def _cable(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -
 
 
 def _contact(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    """A wall inside the reach of the motion, ``lowest`` … ``highest``; deeper and stiffer with size, and in the
-    background it is not reached: a twentieth of a stiff wall is one."""
+    """A wall inside the reach of the motion, ``lowest`` … ``highest``; deeper and stiffer with size."""
     side = _sign(rng)
     end = base["highest"] if side > 0 else base["lowest"]
-    angle = end - side * (amount - CLEARANCE)
+    angle = end - side * amount
     return {
         "angle": angle,
         "side": side,
@@ -247,7 +246,7 @@ SIZES: dict[str, Size] = {
     "sensor_delay": Size("sensor", 2e-3, "s", "two cycles of a 1 kHz bus", _sensor_delay),
 }
 
-CLEARANCE = 0.02  # rad from the reach of the motion to a wall of size 0
+WHOLE = ("contact",)  # in no background: a twentieth of a wall is a wall
 UNKNOWN_KINDS = ("product", "vibration", "hysteretic_cubic", "detent")
 UNKNOWN_TYPICAL = 1.5  # N m at the joint: about the torque that hysteresis of the gear has
 

@@ -190,7 +190,8 @@ def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
 def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, suggested: Suggested) -> Column:
     name, base = str(q["name"]), q["role"] == "base"
     unit = suggested.units.get(name, float(q["typical"]))
-    nominal = float(q["nominal"])
+    # an effect's own amplitude that cannot be 0 is absent at its lowest
+    nominal = float(q["low"]) if not base and q["low"] > 0 else float(q["nominal"])
     spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SPIKE) if first else SILENT
     step = suggested.sizes[name] / unit if name in suggested.sizes else STEP
     seen = (suggested.seen[name] - nominal) / unit if first and name in suggested.seen else 0.0

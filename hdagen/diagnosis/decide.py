@@ -75,7 +75,7 @@ def decide(search: Search) -> Decision:
     count = sum(len(names) == 1 for names in evidence)
     top = max(evidence.values())
     weight = {names: _prior(len(names), count) * np.exp(e - top) for names, e in evidence.items()}
-    place = {atom.name: atom.place for atom in words.atoms}
+    place = {atom.name: atom.place for fit in fits.values() for atom in fit.design.words.atoms}
     for names in sorted(fits, key=len, reverse=True):
         less = _less(names, sizes(fits[names]), evidence, place)
         if less != names:

@@ -15,6 +15,7 @@ from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search, search
+from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.whereabouts import where
 from hdagen.joined import joined
@@ -55,10 +56,11 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
     logs, hold_out, of_data = prepared(plain, logs, hold_out)
     fitted_on, held_out, cut = _parted(logs, hold_out)
     arm = load(robot, "native", ("all",))
-    seen = record(arm, fitted_on, max(WINDOW, FEWEST * log.period))
-    found = search(Shooting(arm, seen), say)
+    window = max(WINDOW, FEWEST * fitted_on.period)
+    seen = record(arm, fitted_on, window)
+    found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
     decision = decide(found)
-    content = findings(arm, found, decision)
+    content = findings(found, decision)
     said = verdict.read(content)
     say("replay of held-out motion")
     before = replay(plain, held_out)

@@ -3,38 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from hdagen import verdict
-from hdagen.diagnosis.candidates import PRESENT, Dictionary
+from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.decide import SURE, Decision
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
 from hdagen.diagnosis.separators import separate_by
-from hdagen.plant import Arm, Parameter
+from hdagen.plant import Parameter
 
 LIKELY = 0.01  # probability from which another cause is named as confounded
 
 
-def findings(arm: Arm, found: Search, decision: Decision) -> dict[str, Any]:
+def findings(found: Search, decision: Decision) -> dict[str, Any]:
     """All of diagnosis.json that the fit says; the gap, the robot and the data are added by who has them."""
-    words, described, best = found.words, arm.parameters.described, decision.best
+    best = decision.best
+    place = {atom.name: atom.place for fit in found.fitted for atom in fit.design.words.atoms}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown"))
     likely = {name: decision.marginal(name) for name in named}
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
         others = [o for o in likely if o != name and likely[o] > LIKELY and o not in decision.verdict]
-        causes.append(_cause(name, likely[name], fit, words, described, others))
+        causes.append(_cause(name, likely[name], fit, others))
     return {
         "schema": verdict.SCHEMA,
         "verdict": list(decision.verdict),
         "sure": decision.sure,
-        "where": [_where(entry, words) for entry in decision.verdict],
+        "where": [_where(entry, place.get(entry, "motor")) for entry in decision.verdict],
         "causes": causes,
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
-        "parameters": _base(best, described),
+        "parameters": _base(best),
         "method": {
             "calibrated": False,
             "present_from": PRESENT,
@@ -45,9 +45,8 @@ def findings(arm: Arm, found: Search, decision: Decision) -> dict[str, Any]:
     }
 
 
-def _where(entry: str, words: Dictionary) -> dict[str, Any]:
+def _where(entry: str, place: str) -> dict[str, Any]:
     """Joint and place of an effect; its share and when it acts are not computed and stay empty."""
-    place = next((atom.place for atom in words.atoms if atom.name == entry), "motor")
     return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "when": ""}
 
 
@@ -55,16 +54,15 @@ def _cause(
     name: str,
     probability: float,
     fit: Fitted | None,
-    words: Dictionary,
-    described: Mapping[str, Parameter],
     confounded: list[str],
 ) -> dict[str, Any]:
     """A candidate that was tried; its parameters where it was fitted."""
     effect, _, joint = name.partition("@")
     parameters: dict[str, Any] = {}
     if fit is not None:
+        words, described = fit.design.words, fit.design.shooting.arm.parameters.described
         _, covariance = fit.posterior
-        for k, c in enumerate(fit.design.words.columns):
+        for k, c in enumerate(words.columns):
             if c.atom in fit.atoms and words.atoms[c.atom].name == name:
                 spread = math.sqrt(covariance[k, k]) * c.unit
                 parameters[c.parameter] = _estimate(fit, described[c.parameter], c.index, spread)
@@ -81,8 +79,9 @@ def _cause(
     }
 
 
-def _base(best: Fitted, described: Mapping[str, Parameter]) -> dict[str, Any]:
+def _base(best: Fitted) -> dict[str, Any]:
     """The base parameters as re-estimated with the verdict."""
+    described = best.design.shooting.arm.parameters.described
     _, covariance = best.posterior
     return {
         c.parameter: _estimate(best, described[c.parameter], c.index, math.sqrt(covariance[k, k]) * c.unit)

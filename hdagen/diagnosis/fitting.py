@@ -19,7 +19,7 @@ from hdagen.diagnosis.evidence import Scored, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear
 from hdagen.plant import Array
 
-TEMPERATURE = 3.0  # at least: fits of one log that end in different places differ by as much
+TEMPERATURE = 20.0  # at least: fits of one log that end in different places differ by as much
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 TEMPERATURES = np.geomspace(1.0, 1e4, 17)
 CHORDS = 3

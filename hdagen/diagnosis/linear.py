@@ -21,7 +21,7 @@ import numpy as np
 from hdagen.plant import Array
 
 RIDGE = 1e-10  # of a first state that a window does not tell
-ROOT = 0.5  # Huber's weights on the norm of a window
+ROOT = 1.0  # of what a window leaves beyond chance, that its scale is: Huber's weights would be 0.5
 CHANCE = 3.0  # standard deviations of chi² that chance is granted in a window
 
 
@@ -62,7 +62,8 @@ class Gram:
         outer = self.m + self.k
         L = np.linalg.cholesky(A)
         half = np.linalg.solve(L, self.products[:, :inner, outer:] * scale[:, None])
-        logdet = 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)[:, m:]).sum())
+        # a first state gains by chance what it costs, so that models of as many as they like can be compared
+        logdet = 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)[:, m:]).sum()) + m * len(L)
         N = self.products[:, outer:, outer:] - half.swapaxes(1, 2) @ half
         return Eliminated(scale, L, half, N, logdet)
 

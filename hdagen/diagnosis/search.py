@@ -54,6 +54,12 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
         begun(at, words, (), none.at.s),
         *_promising(at, words, screened, starts, (), FIELD[0], WORTH * TEMPERATURE),
     ]
+    return Search(words, tuple(raced(at, words, field, say)), tuple(screened))
+
+
+def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str], None]) -> list[Fitted]:
+    """The hypotheses of ``field``, which is used up, fitted, and those with one more effect beside the best as long as
+    that gets better; the best first, the others without their columns."""
     fitted = _race(field, words, FIELD, say)
     lead = fitted[0]
     fitted = _bare(fitted)
@@ -63,7 +69,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
         if fitted[0] is lead:
             break
         lead, fitted = fitted[0], _bare(fitted)
-    return Search(words, tuple(fitted), tuple(screened))
+    return fitted
 
 
 def first(shooting: Shooting, words: Dictionary) -> Point:

@@ -98,7 +98,7 @@ def _quantiles(angle: Array) -> Array:
 
 
 def _spring(depth: Array, torque: Array) -> tuple[float, float]:
-    """The stiffness that gives ``torque`` with the least sum of errors, and that sum: bounces err much, but few rows."""
+    """The stiffness that gives ``torque`` with the least sum of errors, and that sum: bounces err much in few rows."""
     within = depth > 0
     rates, weights = torque[within] / depth[within], depth[within]
     order = np.argsort(rates)

@@ -1,0 +1,52 @@
+"""Whether a drive that the robot file calls rigid has a spring: the same record on a model that has one.
+
+Such a model has other states, so it is no candidate among those of the rigid one. It is fitted by itself, with every
+spring free, and what else it misses beside them; evidence tells which of the two models it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.design import Point, design
+from hdagen.diagnosis.fitting import Fitted, begun
+from hdagen.diagnosis.record import Record, record
+from hdagen.diagnosis.search import Search, raced
+from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.starts import suggested
+from hdagen.plant import Arm, load
+
+EFFECT = "missing_compliance"
+SIZES = (1.0, 4.0)  # usual sizes at which it is begun
+STEP = 2.5e-4  # s: springs may get ten times as stiff as usual on the way
+
+
+def with_springs(
+    robot: str | Path, arm: Arm, seen: Record, window: float, found: Search, say: Callable[[str], None]
+) -> Search:
+    """``found`` in ``seen`` on ``arm``, and what a model with springs in its rigid joints finds there. Raises
+    PlantError."""
+    if len(arm.manifest["flexible"]) == arm.n:
+        return found
+    flexible = load(robot, "native", ("all", EFFECT))
+    if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
+        return found  # no rotor that could turn by itself
+    say("a spring in what the robot file calls rigid")
+    shooting = Shooting(flexible, record(flexible, seen.log, window), STEP)
+    words = dictionary(flexible, suggested(flexible, shooting.record))
+    atoms = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
+    places = [c.index for c in words.columns if c.atom in atoms]
+    field: list[Fitted] = []
+    for size in SIZES:
+        p = flexible.p.copy()
+        for place, c in zip(places, (c for c in words.columns if c.atom in atoms), strict=True):
+            p[place] = c.center + size * c.unit
+        at = design(shooting, words, Point(p, shooting.begun(p)))
+        field.append(begun(at, words, atoms, found.fitted[0].score.at.s))
+    fits = raced(at, words, field, say)
+    best = max((*found.fitted, *fits), key=lambda fit: fit.score.evidence)
+    whole = [fit if fit is best else fit.bare() for fit in (*found.fitted, *fits)]
+    return replace(found, fitted=tuple(sorted(whole, key=lambda fit: -fit.score.evidence)))
