@@ -22,12 +22,14 @@ from hdagen.plant import Arm, Array
 SPIKE = 0.05  # standard deviation of the size of an effect that is not meant, in usual sizes
 TOLERATED = 3.0  # standard deviations that such an effect has at most: with more it is present
 SLAB = 1.0  # of one that is
+FELT = 0.3  # of that standard deviation, from which its shapes are fitted
 SILENT = 1e-3  # of an atom that is looked at only in its own hypothesis
 PRESENT = 0.15  # size from which an effect counts as present
 NEAR = 0.1  # by which a parameter of a hypothesis is moved about where it stands
 STEP = 0.1  # by which a parameter is moved for its column: small, as what is not meant is; large sizes are scanned
 LEAST = 1e-3  # of a shape parameter's range: its unit where the value is 0
 ORDER = "order"  # in the name of a shape that is no matter of small steps
+CHANGES_FRICTION = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
 SHAPE = 0.5  # of a shape parameter's value: its unit
 
 
@@ -46,6 +48,12 @@ class Atom:
     def name(self) -> str:
         """name@joint as diagnosis.json writes it."""
         return f"{self.effect}@{self.joint}"
+
+    def presupposes(self, arm: Arm) -> str | None:
+        """What has to be there first: dry friction, where the robot file has none, for what only changes it."""
+        base = arm.parameters.described.get(f"coulomb_friction_{self.joint}")
+        without = self.effect in CHANGES_FRICTION and base is not None and not base.nominal
+        return f"coulomb_friction@{self.joint}" if without else None
 
     def shape(self, arm: Arm, p: Array) -> None:
         """Put its shapes into the parameters ``p`` (np), in place."""
@@ -135,13 +143,13 @@ class Dictionary:
 
     def about(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> Dictionary:
         """`focused`, about where the hypothesis stands in ``p``: its sizes by small steps, with its shapes free, and
-        those of what is tolerated and seen."""
+        those of what is tolerated and felt."""
         focus = self.focused(atoms)
         columns = [replace(c, step=NEAR) if c.atom in atoms else c for c in focus.columns]
         seen = [
             c.atom
             for c in focus.columns
-            if c.atom >= 0 and c.atom not in atoms and abs(p[c.index] - c.center) > c.spike * abs(c.unit)
+            if c.atom >= 0 and c.atom not in atoms and abs(p[c.index] - c.center) > FELT * c.spike * abs(c.unit)
         ]
         names = list(arm.parameters.described)
         shapes = [name for k in atoms for name in self.atoms[k].shapes]

@@ -18,10 +18,12 @@ from hdagen.diagnosis.search import Search
 
 NONE = 0.5  # prior probability of no effect
 FURTHER = 0.3  # that there is one more
-# size of unexplained torque, in its unit (2 % of the usual motor torque), and variance beyond the noise's as a share of
-# it, at which it is as probable as not that something unknown is at work
+# size of unexplained torque, in its unit (2 % of the usual motor torque), variance beyond the noise's as a share of it,
+# and share of what none leaves unexplained, at which it is as probable as not that something unknown is at work
 UNKNOWN = 0.6, 1.0
-NEGLIGIBLE = 0.1  # of that, squared, below which it is not counted
+LEFT = 0.6
+NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
+LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of an effect, that another one may bring which makes up for its formula
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
@@ -84,7 +86,7 @@ def decide(search: Search) -> Decision:
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
     left = search.fitted[0]  # what even the best of all leaves
-    strange = max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]) ** 2
+    strange = _strange(left, fits[()])
     unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE else 0.0
     hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), fits.get(names)) for names in order]
     joint = int(np.argmax(left.unexplained)) + 1
@@ -94,6 +96,14 @@ def decide(search: Search) -> Decision:
     verdict = hypotheses[0].names
     best = hypotheses[0].fit or left
     return Decision(tuple(hypotheses), verdict, best)
+
+
+def _strange(left: Fitted, none: Fitted) -> float:
+    """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named tell
+    little of what none leaves. A real machine always leaves something."""
+    size = max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1])
+    share = float(np.linalg.norm(left.unexplained) / max(np.linalg.norm(none.unexplained), LEAST))
+    return (size * min(share / LEFT, 1.0 / LEFT) ** 2) ** 2
 
 
 def _less(

@@ -19,7 +19,7 @@ from hdagen.diagnosis.starts import suggested
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
-WORTH = 3.0  # temperatures of log evidence that a further effect must promise to be fitted
+WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
 LONGEST = 3  # further rounds at most, each for another temperature of log evidence
 SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
@@ -96,6 +96,8 @@ def _promising(
     found: dict[str, tuple[float, int]] = {}
     linear = {s.atoms[-1]: s.evidence - alone.evidence for s in scored if len(s.atoms) > len(lead)}
     for k, gain in linear.items():
+        if words.atoms[k].presupposes(at.shooting.arm) not in (*(words.atoms[i].name for i in lead), None):
+            continue
         at_size = starts[k].gain if k in starts else -np.inf
         name, best = words.atoms[k].name, max(gain, at_size)
         if best > worth and best > found.get(name, (-np.inf, k))[0]:
