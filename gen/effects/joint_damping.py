@@ -18,7 +18,7 @@ EFFECT = Effect(
     amplitudes=("torsional_damping",),
     equation=torque,
     citation="Spong, J. Dyn. Sys. Meas. Control 109 (1987) 310, with a dashpot beside the spring; size: no "
-    "catalogue gives it, and it is known to a factor of two at best",
+    "catalogue gives it; what damps the spring of a CSG-17 (about 1e4 N m/rad) under 0.06 kg m² critically, 2 √(K M)",
     rigid=False,
-    sizes={"torsional_damping": 1.0},
+    sizes={"torsional_damping": 8.0},
 )

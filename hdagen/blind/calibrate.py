@@ -4,20 +4,16 @@
     hdagen blind --kind background --cases 200 --calibrate background.json
     python -m hdagen.blind.calibrate single.json background.json --out calibration.json
 
-A temperature T divides log-odds: p_i becomes proportional to p_i^(1/T) (Guo et al., ICML 70 (2017) 1321). It is the one
-that makes what happened most likely. The frozen file has the hashes of its seeds, with which no check may be made, and
-its own hash.
+The temperature is the one that makes what happened most likely; `hdagen.diagnosis.calibration` says what it does.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,29 +21,10 @@ import numpy as np
 
 from hdagen.blind.run import replace
 from hdagen.blind.score import Row
+from hdagen.diagnosis.calibration import CLOSEST, FROZEN, SCHEMA, Calibration, CalibrationError, digest, read
 
-SCHEMA = 1
-FROZEN = Path(__file__).parents[1] / "diagnosis" / "calibration.json"
-_CLOSEST = 1e-6  # probabilities nearer to 0 or 1 count as this
 _COLDEST, _HOTTEST = 0.05, 50.0  # temperatures that are tried
 _LEAST = 30  # cases
-
-
-class CalibrationError(Exception):
-    """Calibration data or a frozen file that cannot be used; a sentence."""
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """``temperature`` of the log-odds; ``seeds``: hashes of those it was fitted on; ``cases``; mean logarithmic loss,
-    nats, ``before`` and ``after``; ``digest`` of the file."""
-
-    temperature: float
-    seeds: tuple[str, ...]
-    cases: int
-    before: float
-    after: float
-    digest: str
 
 
 def data(rows: Sequence[Row], kind: str, seed_hash: str) -> str:
@@ -55,7 +32,7 @@ def data(rows: Sequence[Row], kind: str, seed_hash: str) -> str:
     cases = []
     for row in rows:
         if not row.failed and row.verdict:
-            p = min(max(row.p_top, _CLOSEST), 1.0 - _CLOSEST)
+            p = min(max(row.p_top, CLOSEST), 1.0 - CLOSEST)
             cases.append({"log_odds": math.log(p / (1.0 - p)), "right": row.verdict == row.truth})
     return json.dumps({"schema": SCHEMA, "kind": kind, "seed_hash": seed_hash, "cases": cases}, indent=1)
 
@@ -99,32 +76,8 @@ def freeze(sources: Sequence[Path], out: Path) -> Calibration:
         "loss_before": loss(log_odds, right, 1.0),
         "loss_after": loss(log_odds, right, temperature),
     }
-    replace(out, json.dumps({**content, "sha256": _digest(content)}, indent=1) + "\n")
+    replace(out, json.dumps({**content, "sha256": digest(content)}, indent=1) + "\n")
     return read(out)
-
-
-def read(path: Path = FROZEN) -> Calibration:
-    """A frozen file. Raises CalibrationError where it is not as it was written."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        stated = content.pop("sha256")
-        good = content["schema"] == SCHEMA and stated == _digest(content)
-    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
-        raise CalibrationError(f"{path}: cannot be read ({error}); freeze it again.") from None
-    if not good:
-        raise CalibrationError(f"{path}: is not as it was frozen; freeze it again.")
-    return Calibration(
-        content["temperature"],
-        tuple(content["seeds"]),
-        content["cases"],
-        content["loss_before"],
-        content["loss_after"],
-        stated,
-    )
-
-
-def _digest(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def _data(path: Path) -> dict[str, Any]:

@@ -1,17 +1,18 @@
 """The decision: probabilities of the hypotheses, what counts as present, and what no effect explains.
 
 The likelihood counts as its root of order T, a temperature: no model of ours is true, what it leaves is not
-independent, and would be worth as much evidence to a better one. The prior counts as it is. The temperature is not
-calibrated, and diagnosis.json says so.
+independent, and would be worth as much evidence to a better one. The prior counts as it is. What the leading
+hypothesis has of the probability is calibrated (`hdagen.diagnosis.calibration`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdagen.diagnosis import calibration
 from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
@@ -93,9 +94,16 @@ def decide(search: Search) -> Decision:
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
         hypotheses.sort(key=lambda h: -h.probability)
-    verdict = hypotheses[0].names
-    best = hypotheses[0].fit or left
-    return Decision(tuple(hypotheses), verdict, best)
+    hypotheses = _calibrated(hypotheses)
+    return Decision(tuple(hypotheses), hypotheses[0].names, hypotheses[0].fit or left)
+
+
+def _calibrated(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """The same with the leading one's probability as calibrated."""
+    first, others = hypotheses[0], hypotheses[1:]
+    believed = calibration.read().believed(first.probability)
+    scale = (1.0 - believed) / max(1.0 - first.probability, LEAST)
+    return [replace(first, probability=believed), *(replace(h, probability=scale * h.probability) for h in others)]
 
 
 def _strange(left: Fitted, none: Fitted) -> float:

@@ -36,7 +36,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": _base(best),
         "method": {
-            "calibrated": False,
+            "calibrated": True,
             "present_from": PRESENT,
             "sure_below": SURE,
             "unexplained_torque": best.score.at.s,

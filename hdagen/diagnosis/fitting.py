@@ -40,6 +40,11 @@ class Fitted:
     clean: float  # log evidence that it would have if it left noise alone
     tempered: Array | None = None  # log evidence at TEMPERATURES, of one without its columns
 
+    @property
+    def whole(self) -> bool:
+        """Whether it has its columns still."""
+        return self.tempered is None
+
     def bare(self) -> Fitted:
         """What a decision needs of it, without the columns, which would fill the memory."""
         if self.tempered is not None:

@@ -23,6 +23,7 @@ WORTH = 1.0  # temperatures of log evidence that a further effect must promise t
 LONGEST = 3  # further rounds at most, each for another temperature of log evidence
 SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
+MUCH = 0.1  # of the log evidence that none lacks
 HOPELESS = 20.0  # temperatures behind the leader
 CLEAN = 0.02, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
 
@@ -59,17 +60,27 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
 
 def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str], None]) -> list[Fitted]:
     """The hypotheses of ``field``, which is used up, fitted, and those with one more effect beside the best as long as
-    that gets better; the best first, the others without their columns."""
+    that gets better; the best first, the others without their columns. Where the best leaves much, one more effect is
+    tried beside the next best, too: of two effects the one that seems the larger may be a third one that stands in for
+    both."""
     fitted = _race(field, words, FIELD, say)
-    lead = fitted[0]
-    fitted = _bare(fitted)
-    while len(lead.atoms) < MOST:
-        further = _beside(at, words, lead)
-        fitted = _ordered([*fitted, *_race(further, words, FURTHER, say)]) if further else fitted
-        if fitted[0] is lead:
+    leads = [fitted[0], *[f for f in fitted[1:] if f.whole and f.atoms and _much(fitted[0], fitted)][:1]]
+    while len(leads[0].atoms) < MOST:
+        before = fitted[0]
+        further = [fit for lead in leads for fit in _beside(at, words, lead)]
+        leads, fitted = [], _bare(fitted)
+        if further:
+            fitted = _ordered([*fitted, *_race(further, words, FURTHER, say)])
+        if fitted[0] is before:
             break
-        lead, fitted = fitted[0], _bare(fitted)
+        leads, fitted = [fitted[0]], _bare(fitted)
     return fitted
+
+
+def _much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
+    """Whether the best leaves much of what none does."""
+    none = next((f for f in fitted if not f.atoms), lead)
+    return lead.clean - lead.score.evidence > MUCH * (none.clean - none.score.evidence)
 
 
 def first(shooting: Shooting, words: Dictionary) -> Point:

@@ -1,0 +1,67 @@
+"""How much of a decision's log-odds to believe: a temperature that was fitted on sealed simulated cases and frozen.
+
+A model that is not true is surer than it should be, right or wrong. The odds of the leading hypothesis are taken to the
+power 1/T, and the others share the rest as before (Guo et al., ICML 70 (2017) 1321, for two classes). The file has its
+own hash and those of its seeds, with which no check may be made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+SCHEMA = 1
+FROZEN = Path(__file__).with_name("calibration.json")
+CLOSEST = 1e-6  # probabilities nearer to 0 or 1 count as this
+
+
+class CalibrationError(Exception):
+    """Calibration data or a frozen file that cannot be used; a sentence."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """``temperature`` of the log-odds; ``seeds``: hashes of those it was fitted on; ``cases``; mean logarithmic loss,
+    nats, ``before`` and ``after``; ``digest`` of the file."""
+
+    temperature: float
+    seeds: tuple[str, ...]
+    cases: int
+    before: float
+    after: float
+    digest: str
+
+    def believed(self, leading: float) -> float:
+        """The probability of a leading hypothesis; one below a half is left."""
+        p = min(max(leading, CLOSEST), 1.0 - CLOSEST)
+        return 1.0 / (1.0 + math.exp(-math.log(p / (1.0 - p)) / self.temperature)) if p > 0.5 else leading
+
+
+def read(path: Path = FROZEN) -> Calibration:
+    """A frozen file. Raises CalibrationError where it is not as it was written."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        stated = content.pop("sha256")
+        good = content["schema"] == SCHEMA and stated == digest(content)
+    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
+        raise CalibrationError(f"{path}: cannot be read ({error}); freeze it again.") from None
+    if not good:
+        raise CalibrationError(f"{path}: is not as it was frozen; freeze it again.")
+    return Calibration(
+        content["temperature"],
+        tuple(content["seeds"]),
+        content["cases"],
+        content["loss_before"],
+        content["loss_after"],
+        stated,
+    )
+
+
+def digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of what a frozen file holds, without itself."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
