@@ -57,10 +57,10 @@ def run(options: argparse.Namespace) -> int:
     if problems:
         print("\n".join(problems), file=sys.stderr)
         return USAGE
-    from hdagen.blind.calibrate import CalibrationError
     from hdagen.blind.child import ChildError
     from hdagen.blind.run import BlindError
     from hdagen.blind.seal import SealError
+    from hdagen.diagnosis.calibration import CalibrationError
 
     seed = _seed(options.seed)
     try:
@@ -109,8 +109,9 @@ def _check(options: argparse.Namespace, seed: str) -> int:
     from hdagen.blind.report import report, written
     from hdagen.blind.run import BlindError, Check, check, replace
     from hdagen.blind.seal import seed_hash
+    from hdagen.diagnosis import calibration
 
-    if options.calibrate is None and calibrate.FROZEN.exists() and seed_hash(seed) in calibrate.read().seeds:
+    if options.calibrate is None and seed_hash(seed) in calibration.read().seeds:
         raise BlindError("this seed was calibrated on, so a check with it proves nothing; take another --seed.")
     asked = Check(
         options.kind,

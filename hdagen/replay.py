@@ -79,17 +79,19 @@ def replay(
     check(arm, log)
     inputs, said = driven_by(arm, log, input)
     notes += said
-    starts, states, shown = [], [], []
+    begins: list[Rows] = []
+    states: list[Array] = []
+    shown: list[Array] = []
     for first, end in _recordings(log.time, window):
         part = log.rows(first, end)
         acting, at = acted_on(arm, part, inputs[first:end], input)
         own = window_starts(part.time, window)
         x, said = _predict(arm, part, acting, own)
         notes += said
-        starts.append(first + own)
+        begins.append(first + own)
         states.append(x)
         shown.append(at)
-    return compare(arm, log, *(np.concatenate(each) for each in (states, shown, starts)), notes)
+    return compare(arm, log, np.concatenate(states), np.concatenate(shown), np.concatenate(begins), notes)
 
 
 def _recordings(time: Array, window: float) -> list[tuple[int, int]]:

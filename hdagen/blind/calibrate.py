@@ -28,11 +28,12 @@ _LEAST = 30  # cases
 
 
 def data(rows: Sequence[Row], kind: str, seed_hash: str) -> str:
-    """The calibration data of a check, as JSON: log-odds of each first cause, and whether the verdict was right."""
+    """The calibration data of a check, as JSON: log-odds of each leading hypothesis before any calibration, and whether
+    the verdict was right."""
     cases = []
     for row in rows:
-        if not row.failed and row.verdict:
-            p = min(max(row.p_top, CLOSEST), 1.0 - CLOSEST)
+        if not row.failed:
+            p = min(max(row.p_stated, CLOSEST), 1.0 - CLOSEST)
             cases.append({"log_odds": math.log(p / (1.0 - p)), "right": row.verdict == row.truth})
     return json.dumps({"schema": SCHEMA, "kind": kind, "seed_hash": seed_hash, "cases": cases}, indent=1)
 

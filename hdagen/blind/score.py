@@ -20,7 +20,8 @@ _VISIBLE_GAP, _WORSE = 1.5, 1.02  # a gap that can be closed; a gap that has gro
 @dataclass(frozen=True)
 class Row:
     """One case. ``truth``, ``verdict``, ``ranked`` and ``confounded`` hold name@joint with names that count as the
-    same made one; ``p_truth`` the probability of the truth, ``p_top`` of the first cause; ``brier`` over the
+    same made one; ``p_truth`` the probability of the truth, ``p_top`` of the first cause, ``p_stated`` of the leading
+    hypothesis before it was calibrated; ``brier`` over the
     hypotheses; ``found``: parameters of the verdict's causes; ``before``, ``after``: gap on the hold-out;
     ``failed``: why there is no diagnosis, else empty."""
 
@@ -34,6 +35,7 @@ class Row:
     sure: bool = False
     p_truth: float = 0.0
     p_top: float = 0.0
+    p_stated: float = 0.0
     brier: float = 2.0
     ranked: tuple[str, ...] = ()
     confounded: tuple[str, ...] = ()
@@ -139,6 +141,7 @@ def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
         "sure": bool(said["sure"]),
         "p_truth": p_truth,
         "p_top": max(marginal.values(), default=0.0),
+        "p_stated": _probability(said.get("method", {}).get("uncalibrated", max(hypotheses.values()))),
         "brier": float(brier),
         "ranked": tuple(sorted(marginal, key=lambda key: -marginal[key])[:3]),
         "confounded": tuple(dict.fromkeys(confounded)),

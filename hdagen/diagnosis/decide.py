@@ -41,11 +41,13 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """All hypotheses, the most probable first; ``verdict`` as diagnosis.json has it; ``best`` the fit it stands on."""
+    """All hypotheses, the most probable first; ``verdict`` as diagnosis.json has it; ``best`` the fit it stands on;
+    ``stated``: the leading one's probability before it was calibrated."""
 
     hypotheses: tuple[Hypothesis, ...]
     verdict: tuple[str, ...]
     best: Fitted
+    stated: float
 
     @property
     def sure(self) -> bool:
@@ -94,8 +96,8 @@ def decide(search: Search) -> Decision:
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
         hypotheses.sort(key=lambda h: -h.probability)
-    hypotheses = _calibrated(hypotheses)
-    return Decision(tuple(hypotheses), hypotheses[0].names, hypotheses[0].fit or left)
+    first = hypotheses[0]
+    return Decision(tuple(_calibrated(hypotheses)), first.names, first.fit or left, first.probability)
 
 
 def _calibrated(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
@@ -110,7 +112,7 @@ def _strange(left: Fitted, none: Fitted) -> float:
     """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named tell
     little of what none leaves. A real machine always leaves something."""
     size = max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1])
-    share = float(np.linalg.norm(left.unexplained) / max(np.linalg.norm(none.unexplained), LEAST))
+    share = float(np.linalg.norm(left.unexplained)) / max(float(np.linalg.norm(none.unexplained)), LEAST)
     return (size * min(share / LEFT, 1.0 / LEFT) ** 2) ** 2
 
 

@@ -37,6 +37,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "parameters": _base(best),
         "method": {
             "calibrated": True,
+            "uncalibrated": decision.stated,
             "present_from": PRESENT,
             "sure_below": SURE,
             "unexplained_torque": best.score.at.s,

@@ -63,7 +63,7 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
             for name, value in zip(terms, values, strict=False)
         }
         borne = twist - columns[:, : len(terms)] @ values[: len(terms)]
-        untold = np.interp(borne, *reversed(law)) - tau  # what pushes the link back
+        untold = np.interp(borne, law[1], law[0]) - tau  # what pushes the link back
         sizes, shapes = _walls(arm, j, q[:, j - 1], untold)
         found.append(Twist(seen | _zeroed(j, seen) | sizes, shapes))
     return found
@@ -83,10 +83,11 @@ def _walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, flo
         name = f"contact_stiffness_{side}_{j}"
         if name not in arm.parameters.described:
             continue
+        usual = arm.parameters.described[name].typical or 0.0
         pushed, most = sign * torque, float(np.abs(torque).sum())
         fits = [_spring(depth, pushed) for depth in np.maximum(sign * angle - _quantiles(sign * angle), 0.0)]
         stiffness, missed = min(fits, key=lambda fit: fit[1])
-        if missed < CLEAR * most and stiffness > arm.parameters.described[name].typical:
+        if missed < CLEAR * most and stiffness > usual:
             at = _quantiles(sign * angle)[fits.index((stiffness, missed)), 0]
             sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * at)
     return sizes, shapes
