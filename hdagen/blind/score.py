@@ -141,7 +141,7 @@ def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
         "sure": bool(said["sure"]),
         "p_truth": p_truth,
         "p_top": max(marginal.values(), default=0.0),
-        "p_stated": _probability(said.get("method", {}).get("uncalibrated", max(hypotheses.values()))),
+        "p_stated": _probability(said.get("method", {}).get("uncalibrated", hypotheses.get(frozenset(verdict), 0.0))),
         "brier": float(brier),
         "ranked": tuple(sorted(marginal, key=lambda key: -marginal[key])[:3]),
         "confounded": tuple(dict.fromkeys(confounded)),

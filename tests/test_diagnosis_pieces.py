@@ -1,0 +1,153 @@
+"""Pieces of the diagnosis by themselves: held steps, what torsion shows, what counts as unknown, the calibration."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from test_diagnosis import problem
+
+from hdagen.diagnosis import calibration
+from hdagen.diagnosis.candidates import Atom
+from hdagen.diagnosis.decide import _strange
+from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
+from hdagen.diagnosis.evidence import settled
+from hdagen.diagnosis.linear import Linear
+from hdagen.diagnosis.torsion import _walls, _zeroed
+
+
+def described(**parameters: float) -> Any:
+    """An arm that has these parameters, of typical size 100 and nominal as given."""
+    each = {name: SimpleNamespace(typical=100.0, nominal=value) for name, value in parameters.items()}
+    return SimpleNamespace(parameters=SimpleNamespace(described=each))
+
+
+# -- steps ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_step_is_held_near_where_it_begins_and_free_without_a_reach() -> None:
+    linear, _, _, _, many = problem(np.random.default_rng(8))
+    linear = Linear(linear.gram, linear.z, linear.r2, linear.rows, np.linspace(-0.5, 0.5, many))
+    prior = np.full(many, 0.3)
+    free = settled(linear, prior, 0.3).mean
+    ways = [float(np.linalg.norm(settled(linear, prior, 0.3, None, r).mean - linear.theta)) for r in (1e-4, 0.1, 1, 10)]
+    assert ways == sorted(ways) and ways[0] < 1e-3
+    np.testing.assert_allclose(settled(linear, prior, 0.3, None, 1e4).mean, free, rtol=1e-4, atol=1e-6)
+
+
+def test_a_held_step_stays_within_bounds() -> None:
+    linear, _, _, _, many = problem(np.random.default_rng(9))
+    bounds = np.full(many, -0.01), np.full(many, 0.02)
+    for reach in (0.1, 1.0, np.inf):
+        mean = settled(linear, np.full(many, 1.0), 0.3, bounds, reach).mean
+        assert (mean >= -0.01 - 1e-12).all() and (mean <= 0.02 + 1e-12).all()
+
+
+@pytest.mark.parametrize(
+    "joints, flexible, rows, expected",
+    [(1, 0, 50, STEPS), (1, 1, 50, STEPS // 2), (2, 2, 50, STEPS // 4), (6, 6, 50, FEWEST_STEPS), (1, 0, 25, 25 // 3)],
+)
+def test_few_joints_get_more_steps_of_unexplained_torque(joints: int, flexible: int, rows: int, expected: int) -> None:
+    arm = SimpleNamespace(n=joints, manifest={"flexible": list(range(1, flexible + 1))})
+    record = SimpleNamespace(starts=np.array([0, rows]), ends=np.array([rows, 2 * rows]))
+    found = knots(SimpleNamespace(arm=arm, record=record))  # type: ignore[arg-type]
+    assert found == expected and found * FEWEST_ROWS <= max(rows, FEWEST_STEPS * FEWEST_ROWS)
+
+
+# -- what the torsion shows -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("stiffness", [500.0, 2e4])
+def test_a_wall_is_read_off_where_it_stands(sign: float, stiffness: float) -> None:
+    arm = described(contact_stiffness_above_1=0.0, contact_stiffness_below_1=0.0)
+    angle = 0.5 * np.sin(np.linspace(0, 40, 8000))
+    depth = np.maximum(sign * angle - 0.42, 0.0)
+    torque = sign * stiffness * depth + np.random.default_rng(1).normal(0, 0.02, 8000)
+    torque[::7] *= 0.3  # bounces that the smoothed motion gets wrong
+    sizes, shapes = _walls(arm, 1, angle, torque)
+    side = "above" if sign > 0 else "below"
+    assert list(sizes) == [f"contact_stiffness_{side}_1"] and list(shapes) == [f"contact_{side}_1"]
+    assert sizes[f"contact_stiffness_{side}_1"] == pytest.approx(stiffness, rel=0.35)
+    assert shapes[f"contact_{side}_1"] == pytest.approx(sign * 0.42, abs=0.01)
+
+
+@pytest.mark.parametrize("torque", ["noise", "spring", "friction"])
+def test_no_wall_is_read_off_where_there_is_none(torque: str) -> None:
+    arm = described(contact_stiffness_above_1=0.0, contact_stiffness_below_1=0.0)
+    angle = 0.5 * np.sin(np.linspace(0, 40, 8000))
+    of = {
+        "noise": np.random.default_rng(2).normal(0, 1.0, 8000),
+        "spring": 5.0 * angle,  # softer than what is met in walls
+        "friction": np.sign(np.gradient(angle)),
+    }
+    assert _walls(arm, 1, angle, of[torque]) == ({}, {})
+
+
+def test_as_much_of_a_constant_as_an_eccentricity_can_make_is_its_zero() -> None:
+    seen = {"encoder_bias_1": -3e-4, "eccentricity_sine_1": 3e-4, "eccentricity_cosine_1": 4e-4}
+    assert _zeroed(1, seen) == {"encoder_bias_1": 0.0, "eccentricity_zero_1": 3e-4}
+    more = _zeroed(1, seen | {"encoder_bias_1": -9e-4})
+    assert more == pytest.approx({"encoder_bias_1": -4e-4, "eccentricity_zero_1": 5e-4})
+    assert _zeroed(1, {"encoder_bias_1": 1e-3}) == {}
+
+
+# -- what a verdict is made of ----------------------------------------------------------------------------------------
+
+
+def test_what_changes_dry_friction_presupposes_some() -> None:
+    without, some = described(coulomb_friction_1=0.0), described(coulomb_friction_1=0.04)
+    stribeck = Atom("stribeck_friction", 1, "motor", ("stribeck_torque_1",), {}, True)
+    viscous = Atom("viscous_friction", 1, "motor", ("viscous_friction_1",), {}, True)
+    assert stribeck.presupposes(without) == "coulomb_friction@1"
+    assert stribeck.presupposes(some) is None and viscous.presupposes(without) is None
+
+
+def fit(s: float, torque: float, level: float = 1.0) -> Any:
+    """A fit that leaves that much."""
+    at = SimpleNamespace(s=s, level=level)
+    return SimpleNamespace(score=SimpleNamespace(at=at), unexplained=np.array([torque, 0.0]))
+
+
+def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
+    assert _strange(fit(1.0, 3.0), fit(3.0, 3.1)) > 3  # nothing was told
+    assert _strange(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
+    assert _strange(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
+    assert _strange(fit(0.01, 3.0, level=5.0), fit(0.01, 3.0, level=9.0)) > 3  # no torque, but not noise either
+    sizes = [_strange(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
+    assert sizes == sorted(sizes)
+
+
+def frozen(temperature: float, path: Path) -> calibration.Calibration:
+    content = {"schema": 1, "temperature": temperature, "seeds": [], "cases": 1, "loss_before": 1.0, "loss_after": 0.5}
+    path.write_text(json.dumps({**content, "sha256": calibration.digest(content)}))
+    return calibration.read(path)
+
+
+def test_a_calibrated_probability_is_less_sure_and_keeps_its_order(tmp_path: Path) -> None:
+    found = frozen(4.0, tmp_path / "c.json")
+    stated = np.array([0.51, 0.7, 0.9, 0.99, 1 - 1e-9, 1.0])
+    believed = np.array([found.believed(p) for p in stated])
+    assert (np.diff(believed) >= 0).all() and (believed <= stated).all() and (believed > 0.5).all()
+    assert believed[-1] == pytest.approx(believed[-2]) and believed[-1] < 0.98
+    assert found.believed(0.3) == 0.3
+    odds = believed[1] / (1 - believed[1])
+    assert odds**4 == pytest.approx(0.7 / 0.3)
+    same = frozen(1.0, tmp_path / "c.json")
+    assert same.believed(0.9) == pytest.approx(0.9)
+
+
+def test_the_calibration_that_comes_with_the_product_is_as_it_was_frozen(tmp_path: Path) -> None:
+    content = json.loads(calibration.FROZEN.read_text())
+    assert calibration.read().temperature == content["temperature"] >= 1.0
+    content["temperature"] = 1.0 + content["temperature"]
+    changed = tmp_path / "calibration.json"
+    changed.write_text(json.dumps(content))
+    with pytest.raises(calibration.CalibrationError, match="not as it was frozen"):
+        calibration.read(changed)
+    with pytest.raises(calibration.CalibrationError, match="cannot be read"):
+        calibration.read(tmp_path / "none.json")
