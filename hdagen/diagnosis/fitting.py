@@ -97,20 +97,20 @@ def advanced(fit: Fitted, words: Dictionary, every: bool = False) -> Fitted:
     there = descend(fit.design, fit.atoms, fit.score)
     own = words.about(there.shooting.arm, fit.atoms, there.point.p)
     made = design(there.shooting, own, there.point) if every else renewed(there, own, there.point)
-    return _scored(made, fit.atoms, fit.score.at.s)
+    return _scored(made, fit.atoms, fit.score.at.s, fit.clean)
 
 
-def _scored(at: Design, atoms: tuple[int, ...], near: float) -> Fitted:
+def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None = None) -> Fitted:
     linear = at.linear()
     prior, bounds = _prior(at, atoms), at.words.bounds(at.shooting.arm)
-    nothing = linear.reduced(0.0)
-    noise = np.ones(len(linear.rows))
-    exact = posterior(nothing, prior, 0.0, noise, bounds)
-    clean = exact.evidence + 0.5 * (nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum())
     found = posteriors(linear, prior, near, bounds)
     best = max(found, key=lambda one: one.evidence)
     torque = linear.inner(best.s, best.mean)[1]
-    at.gram.kept.clear()
+    if clean is None:
+        nothing, noise = linear.reduced(0.0), np.ones(len(linear.rows))
+        exact = posterior(nothing, prior, 0.0, noise, bounds)
+        clean = exact.evidence + 0.5 * (nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum())
+        at.gram.kept.clear()
     return Fitted(atoms, at, Scored(atoms, best.evidence, best), _by_joint(at, torque), clean)
 
 

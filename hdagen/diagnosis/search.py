@@ -25,7 +25,7 @@ SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
 MUCH = 0.1  # of the log evidence that none lacks
 HOPELESS = 20.0  # temperatures behind the leader
-CLEAN = 0.02, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
+CLEAN = 0.05, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
 
 
 @dataclass(frozen=True, eq=False)
