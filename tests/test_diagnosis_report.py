@@ -118,6 +118,7 @@ def seen(
     before, after = replay(arm, log), replay(arm, log, with_=said)
     multiples = {
         name: {when: r.errors[name] / r.noise[name] for when, r in (("before", before), ("after", after))}
+        | {"noise": before.noise[name]}
         for name in before.errors
         if before.noise[name]
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.missing import Sight, look
-from hdagen.diagnosis.record import record
+from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
@@ -63,9 +63,9 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
     content = findings(found, decision)
     said = verdict.read(content)
     say("replay of held-out motion")
-    before = replay(plain, held_out)
+    before = _counted(replay(plain, held_out), seen)
     changed = verdict.with_effects(robot, "portable", said)
-    after = replay(changed, held_out, with_=said)
+    after = _counted(replay(changed, held_out, with_=said), seen)
     content["gap"] = gap(before, after, held_out, cut)
     if content["gap"]["before"] < NOISE or content["gap"]["after"] >= content["gap"]["before"]:
         content |= {"verdict": [], "sure": False, "where": [], "parameters": {}}  # it does not stand up to other motion
@@ -76,6 +76,12 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut, sight)
+
+
+def _counted(found: Replay, seen: Record) -> Replay:
+    """Errors counted in the noise of the held-out or of the fitted motion, whichever shows more."""
+    fitted = dict(zip(seen.names, seen.noise, strict=True))
+    return replace(found, noise={name: max(noise, fitted.get(name, 0.0)) for name, noise in found.noise.items()})
 
 
 def _parted(logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[Log, Log, int]:

@@ -21,11 +21,11 @@ def gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:
     """`gap` of diagnosis.json from row ``first`` of the held-out ``log`` on.
 
     Root mean squares of the replay errors in multiples of each channel's noise, joined as the geometric mean over
-    channels. The interval of the share that is closed: blocks of windows drawn with replacement (Efron, Tibshirani, An
-    Introduction to the Bootstrap (1993), 8.6), the same draws at each call. What a flexible correction would reach is
-    not computed.
+    channels; a channel that drives the model errs by nothing and says nothing. The interval of the share that is
+    closed: blocks of windows drawn with replacement (Efron, Tibshirani, An Introduction to the Bootstrap (1993), 8.6),
+    the same draws at each call. What a flexible correction would reach is not computed.
     """
-    names = [name for name in before.errors if before.noise.get(name)]
+    names = [name for name in before.errors if before.noise.get(name) and before.errors[name] > 0]
     edges = np.append(before.starts[before.starts >= first], len(log))
     if edges[0] > first:
         edges = np.insert(edges, 0, first)
@@ -40,7 +40,10 @@ def gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:
         "achievable": None,
         "shrink": _shrink(joined),
         "interval": _interval(squares, rows),
-        "by_channel": {name: {"before": float(each[0, k]), "after": float(each[1, k])} for k, name in enumerate(names)},
+        "by_channel": {
+            name: {"before": float(each[0, k]), "after": float(each[1, k]), "noise": before.noise[name]}
+            for k, name in enumerate(names)
+        },
     }
 
 

@@ -23,6 +23,7 @@ SHOWN = 8  # candidates in the figures
 LIKELY = 0.01  # probability from which a candidate's own text is shown
 RARE = 1e-3  # probability below which a hypothesis is not listed
 TOLD = (0.5, 0.9)  # posterior by prior width, up to which the data said much, and a little
+FINE = 1000.0  # multiples of the noise, from which the error is said in its unit, too
 LAG = 0.25  # s, of the correlations of what is left
 
 
@@ -41,7 +42,7 @@ def sentence(content: dict[str, Any]) -> str:
         what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
     sure = "" if content["sure"] else "; this is not sure"
     line = f"{what}{sure}. On held-out motion the gap goes from {gap['before']:.3g} "
-    line += f"to {gap['after']:.3g} times the noise"
+    line += f"to {gap['after']:.3g} times the noise{_worst(gap) if gap['before'] >= FINE else ''}"
     if gap["shrink"] is not None:
         interval = gap["interval"]
         spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
@@ -49,6 +50,13 @@ def sentence(content: dict[str, Any]) -> str:
     if gap["achievable"] is not None:
         line += f"; a flexible correction reaches {gap['achievable']:.3g}"
     return f"{line}."
+
+
+def _worst(gap: dict[str, Any]) -> str:
+    """The channel that errs most, in SI units, for a reader to whom multiples of a very small noise say little."""
+    name, c = max(gap["by_channel"].items(), key=lambda item: item[1]["before"])
+    before, after = (c[when] * c["noise"] for when in ("before", "after"))
+    return f" ({name.replace('_', ' ')}: {before:.3g} to {after:.3g} in SI units, rms)"
 
 
 def words(entry: str) -> str:

@@ -1,0 +1,72 @@
+"""What sealed checks found, of several kinds in one file, and the table that README and docs have of it.
+
+python -m hdagen.blind.rates blind-single/blind.json blind-none/blind.json --out docs/blind.json
+python -m hdagen.blind.rates docs/blind.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hdagen.blind.bars import BARS
+from hdagen.blind.blind_page import KINDS
+from hdagen.blind.figures import Figure
+from hdagen.blind.run import replace
+from hdagen.blind.words import WORDS, said
+
+KEPT = ("kind", "cases", "seconds", "version", "machine", "seal", "seed", "seed_hash", "summary")
+
+
+def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Of each report what the table needs and what it takes to run it again, by kind."""
+    return {report["kind"]: {key: report[key] for key in KEPT} for report in reports}
+
+
+def table(checks: Mapping[str, Any]) -> str:
+    """A line for each bar of each kind, in the order of the bars, as Markdown."""
+    lines = ["| measured on | cases | figure | bar | reached (95 % interval) | |", "|---|---|---|---|---|---|"]
+    for kind, bars in BARS.items():
+        if kind not in checks:
+            continue
+        check = checks[kind]
+        for bar in bars:
+            found = _figure(check["summary"].get(bar.figure))
+            if found is None:
+                continue
+            unit = f"{bar.value:g} s" if bar.figure == "seconds" else f"{100 * bar.value:g} %"
+            limit = f"{'at most' if bar.most else 'at least'} {unit}"
+            reached = said(bar.figure, found), "met" if bar.met(found) else "missed"
+            cells = (KINDS[kind], str(found.count), WORDS[bar.figure], limit, *reached)
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _figure(stated: Mapping[str, Any] | None) -> Figure | None:
+    if stated is None or stated["value"] is None:
+        return None
+    low, high = (math.nan if stated[key] is None else stated[key] for key in ("low", "high"))
+    return Figure(stated["value"], stated["count"], low, high)
+
+
+def main() -> int:
+    """Combine reports with --out, or print the table of a combined file."""
+    p = argparse.ArgumentParser(prog="python -m hdagen.blind.rates", description=(__doc__ or "").split("\n")[0])
+    p.add_argument("files", nargs="+", type=Path, help="blind.json of checks; without --out one combined file")
+    p.add_argument("--out", type=Path, help="the combined file")
+    options = p.parse_args()
+    read = [json.loads(path.read_text(encoding="utf-8")) for path in options.files]
+    if options.out:
+        replace(options.out, json.dumps(combined(read), indent=1) + "\n")
+        return 0
+    sys.stdout.write(table(read[0]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
