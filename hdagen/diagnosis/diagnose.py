@@ -68,7 +68,9 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
     after = _counted(replay(changed, held_out, with_=said), seen)
     content["gap"] = gap(before, after, held_out, cut)
     if content["gap"]["before"] < NOISE or content["gap"]["after"] >= content["gap"]["before"]:
-        content |= {"verdict": [], "sure": False, "where": [], "parameters": {}}  # it does not stand up to other motion
+        # what does not stand up to other motion is withdrawn; that something unknown is at work says of no motion
+        kept = content["verdict"] if said.unknown and content["gap"]["before"] >= NOISE else []
+        content |= {"verdict": kept, "sure": False, "where": [], "parameters": {}}
         changed, after, content["gap"] = plain, before, gap(before, before, held_out, cut)
     say("where and when")
     sight = look(changed, content, held_out, before, after)
