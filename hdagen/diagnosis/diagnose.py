@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from hdagen import verdict
+from hdagen.diagnosis.achievable import corrected
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.gap import gap
@@ -49,6 +52,11 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
     """Diagnose logs of one machine together; the gap is measured on the logs ``hold_out``, else on the last fifth of
     each log, which the fit does not see. Raises LogError where a log cannot carry a diagnosis, PlantError where the
     model cannot be had."""
+    with threadpool_limits(1):  # small matrices by the hundred, beside threads of our own; and the same bits everywhere
+        return _diagnose(robot, logs, hold_out, say)
+
+
+def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], say: Callable[[str], None]) -> Diagnosis:
     say("model")
     plain = load(robot)
     for log in (*logs, *hold_out):
@@ -64,14 +72,15 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
     said = verdict.read(content)
     say("replay of held-out motion")
     before = _counted(replay(plain, held_out), seen)
+    flexible = corrected(plain, fitted_on, held_out, before)
     changed = verdict.with_effects(robot, "portable", said)
     after = _counted(replay(changed, held_out, with_=said), seen)
-    content["gap"] = gap(before, after, held_out, cut)
+    content["gap"] = gap(before, after, held_out, cut, flexible)
     if content["gap"]["before"] < NOISE or content["gap"]["after"] >= content["gap"]["before"]:
         # what does not stand up to other motion is withdrawn; that something unknown is at work says of no motion
         kept = content["verdict"] if said.unknown and content["gap"]["before"] >= NOISE else []
         content |= {"verdict": kept, "sure": False, "where": [], "parameters": {}}
-        changed, after, content["gap"] = plain, before, gap(before, before, held_out, cut)
+        changed, after, content["gap"] = plain, before, gap(before, before, held_out, cut, flexible)
     say("where and when")
     sight = look(changed, content, held_out, before, after)
     content["where"] = where(sight, content, cut)

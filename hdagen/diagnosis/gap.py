@@ -17,19 +17,20 @@ BLOCK = 4  # windows of a block: what is one second of motion, so that neighbour
 LEVEL = 0.95
 
 
-def gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:
+def gap(before: Replay, after: Replay, log: Log, first: int, flexible: Replay | None = None) -> dict[str, Any]:
     """`gap` of diagnosis.json from row ``first`` of the held-out ``log`` on.
 
     Root mean squares of the replay errors in multiples of each channel's noise, joined as the geometric mean over
     channels; a channel that drives the model errs by nothing and says nothing. The interval of the share that is
     closed: blocks of windows drawn with replacement (Efron, Tibshirani, An Introduction to the Bootstrap (1993), 8.6),
-    the same draws at each call. What a flexible correction would reach is not computed.
+    the same draws at each call. ``achievable`` is what the replay ``flexible`` reaches.
     """
     names = [name for name in before.errors if before.noise.get(name) and before.errors[name] > 0]
     edges = np.append(before.starts[before.starts >= first], len(log))
     if edges[0] > first:
         edges = np.insert(edges, 0, first)
-    squares = np.stack([_squares(seen, log, names, edges) for seen in (before, after)])  # (2, windows, channels)
+    seen = (before, after) if flexible is None else (before, after, flexible)
+    squares = np.stack([_squares(one, log, names, edges) for one in seen])  # (2 or 3, windows, channels)
     rows = np.diff(edges)
     each = np.sqrt(squares.sum(1) / rows.sum())
     joined = _joined(each)
@@ -37,9 +38,9 @@ def gap(before: Replay, after: Replay, log: Log, first: int) -> dict[str, Any]:
         "before": float(joined[0]),
         "after": float(joined[1]),
         "floor": 1.0,
-        "achievable": None,
+        "achievable": None if flexible is None else min(float(joined[2]), float(joined[0])),
         "shrink": _shrink(joined),
-        "interval": _interval(squares, rows),
+        "interval": _interval(squares[:2], rows),
         "by_channel": {
             name: {"before": float(each[0, k]), "after": float(each[1, k]), "noise": before.noise[name]}
             for k, name in enumerate(names)

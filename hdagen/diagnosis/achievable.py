@@ -1,0 +1,207 @@
+"""What a flexible correction without any structure reaches on the same data: what a verdict's closing is measured by.
+
+Three ridge regressions for each joint, fitted on the motion that the diagnosis saw: the current that flows beside the
+model's, by the last commands; the torque that is missing at the motor, of the whole joint; then, with both in the
+model, what the joint's encoder reads beside the motor's. The features of the latter two are what is measured,
+directions, harmonics of the angles, and random Fourier features of all together. On held-out motion current and torque
+go into the model's input, the angle is added to what the model reads.
+
+Legend: T rows, K even instants, F features; θ motor angle.
+Source: Rahimi, Recht, NIPS 20 (2007) 1177 (random features).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hdagen.diagnosis.missing import Sight
+from hdagen.log import Log
+from hdagen.plant import Arm, Array
+from hdagen.readings import torque_per_input
+from hdagen.replay import Replay, driven_by, replay
+
+WAVES = 100  # random Fourier features
+TURNS = (1, 2, 4)  # harmonics of a motor's turn
+SLOW = 0.02  # of the usual speed, at which a direction is half decided
+LAGS = 8  # rows of the command that the current's correction sees
+RIDGES = np.geomspace(1e-6, 1e2, 9)  # of the mean square of the features
+BLOCKS = 8  # of time, each left out once
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """A ridge regression: features (F) within ``low`` and ``high``, as fitted, less ``mean`` over ``scale``."""
+
+    low: Array
+    high: Array
+    mean: Array
+    scale: Array
+    weights: Array
+    level: float
+
+    @classmethod
+    def of(cls, features: Array, target: Array) -> Map:
+        """Fitted to ``target`` (K,) by ``features`` (K, F), with the ridge that tells what it has not seen best."""
+        mean, scale, level = features.mean(0), np.maximum(features.std(0), 1e-12), float(target.mean())
+        parts = np.array_split(np.arange(len(target)), BLOCKS)
+        X, y = (features - mean) / scale, target - level
+        grams, sums = [X[k].T @ X[k] for k in parts], [X[k].T @ y[k] for k in parts]
+        whole, all_, eye = np.sum(grams, 0), np.sum(sums, 0), np.eye(X.shape[1])
+        losses = [
+            sum(
+                _left(X[k], y[k], np.linalg.solve(whole - N + ridge * len(y) * eye, all_ - b))
+                for k, N, b in zip(parts, grams, sums, strict=True)
+            )
+            for ridge in RIDGES
+        ]
+        best = int(np.argmin(losses))
+        told = losses[best] < float(y @ y)  # else the mean tells what it has not seen better
+        weights = np.linalg.solve(whole + RIDGES[best] * len(y) * eye, all_) if told else np.zeros(len(eye))
+        return cls(features.min(0), features.max(0), mean, scale, weights, level)
+
+    def __call__(self, features: Array) -> Array:
+        """What is predicted (K,)."""
+        return self.level + (np.clip(features, self.low, self.high) - self.mean) / self.scale @ self.weights
+
+
+def _left(X: Array, y: Array, weights: Array) -> float:
+    return float(np.sum((y - X @ weights) ** 2))
+
+
+def corrected(arm: Arm, fitted_on: Log, held_out: Log, before: Replay) -> Replay:
+    """The replay ``before`` of ``held_out`` on the robot file's ``arm`` with the corrections that ``fitted_on`` has."""
+    seen, held = _sight(arm, fitted_on, replay(arm, fitted_on)), _sight(arm, held_out, before)
+    basis = _basis(seen)
+    shown, asked = basis.features(seen), basis.features(held)
+    missing = seen.missing(seen.before)
+    whole = missing.motor if missing.link is None else missing.motor + missing.link / seen.ratio
+    maps = [Map.of(shown[j][seen.kept], whole[seen.kept, j]) for j in range(arm.n)]
+    currents = [_current(fitted_on, seen.replays[0], j) for j in range(1, arm.n + 1)]
+    fitted = _replayed(seen, currents, [on(x) for on, x in zip(maps, shown, strict=True)])
+    found = _replayed(held, currents, [on(x) for on, x in zip(maps, asked, strict=True)])
+    columns = dict(found.columns)
+    for j in range(1, arm.n + 1):
+        columns |= _encoder(j, seen, held, shown[j - 1], asked[j - 1], fitted, found)
+    return replace(found, columns=columns, noise=before.noise)
+
+
+def _sight(arm: Arm, log: Log, of: Replay) -> Sight:
+    nominal = arm.p.copy()
+    return Sight(Arm(arm.folder), log, nominal, nominal, {}, (of, of))
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Scales of what is measured (n, M) on the fitted motion, and directions (n M, WAVES) of the random features."""
+
+    scale: Array
+    ways: Array
+    phase: Array
+
+    def features(self, sight: Sight) -> list[Array]:
+        """Of each joint (K, F)."""
+        raw = _raw(sight) / self.scale  # (n, K, M)
+        all_ = np.concatenate(list(raw), 1)
+        waves = np.cos(all_ @ self.ways + self.phase)
+        found = []
+        for j in range(sight.n):
+            q, v, _, load, u = raw[j].T
+            d = np.tanh(v / SLOW)
+            theta = sight.column("motor_position", j + 1)
+            turns = [part for k in TURNS for part in (np.sin(k * theta), np.cos(k * theta))]
+            angle = sight.column("joint_position", j + 1)
+            time = sight.time - sight.time[0]
+            own = [
+                d,
+                d * np.abs(v),
+                d * np.abs(load),
+                d * v**2,
+                d * q,
+                d * u,
+                np.abs(v),
+                q**2,
+                q**3,
+                v * load,
+                d * time,
+            ]
+            found.append(np.column_stack([all_, *own, *turns, np.sin(angle), np.cos(angle), waves]))
+        return found
+
+
+def _basis(sight: Sight) -> Basis:
+    raw, rng = _raw(sight), np.random.default_rng(0)
+    scale = np.maximum(raw.std(1, keepdims=True), 1e-12)
+    ways = rng.normal(size=(raw.shape[0] * raw.shape[2], WAVES)) / np.sqrt(raw.shape[0] * raw.shape[2])
+    return Basis(scale, ways, rng.uniform(0, 2 * np.pi, WAVES))
+
+
+def _raw(sight: Sight) -> Array:
+    """Angle, speed, acceleration, load and input of each joint (n, K, 5)."""
+    load, inputs = sight.link_torque(sight.before), sight.inputs(sight.before)
+    return np.stack(
+        [
+            np.column_stack(
+                [
+                    sight.column("joint_position", j + 1),
+                    sight.column("motor_velocity", j + 1) / sight.ratio[j],
+                    sight.acceleration[1][:, j],
+                    load[:, j],
+                    inputs[:, j],
+                ]
+            )
+            for j in range(sight.n)
+        ]
+    )
+
+
+def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> Replay:
+    """The replay with a torque (K,) at each motor, of which the current's sensor reads nothing, and with the current
+    that flows beside the model's, of which it does."""
+    arm, log = sight.arm, sight.log
+    arm._prepare(sight.before)
+    gains = torque_per_input(arm)
+    commands, _ = driven_by(arm, log, "command")
+    columns = {k: v for k, v in log.columns.items() if not k.startswith(("motor_current", "motor_torque"))}
+    unread = {}
+    for j, (added, flows) in enumerate(zip(torque, currents, strict=True), 1):
+        own = arm.input_names[j - 1].replace("motor_current", "motor_current_command")
+        own = own.replace("motor_torque", "motor_torque_command")
+        unread[j] = np.interp(log.time, sight.time, added) / gains[j - 1]
+        columns[own] = commands[:, j - 1] + unread[j]
+        if flows is not None:  # a current that is read in a row flowed before it
+            beside = flows(_lagged(log[f"motor_current_command_{j}"]))
+            columns[own] = columns[own] + np.append(beside[1:], beside[-1])
+    found = replay(arm, Log(log.time, columns, log.n_joints, log.source))
+    read = dict(found.columns)
+    for j, values in unread.items():
+        if (name := arm.input_names[j - 1]) in read:
+            read[name] = read[name] - np.append(values[:1], values[:-1])
+    return replace(found, columns=read)
+
+
+def _current(log: Log, plain: Replay, j: int) -> Map | None:
+    """What flows at joint j beside the current of the model's replay; None where it is not measured."""
+    name, command = f"motor_current_{j}", f"motor_current_command_{j}"
+    if name not in log or command not in log or name not in plain.columns:
+        return None
+    return Map.of(_lagged(log[command]), log[name] - plain.columns[name])
+
+
+def _lagged(command: Array) -> Array:
+    """A command and its last rows (T, F), with their sizes."""
+    last = [np.concatenate([np.full(k, command[0]), command[: len(command) - k]]) for k in range(LAGS)]
+    return np.column_stack([*last, np.abs(command), command * np.abs(command), command**3])
+
+
+def _encoder(
+    j: int, seen: Sight, held: Sight, shown: Array, asked: Array, fitted: Replay, found: Replay
+) -> dict[str, Array]:
+    """The joint's encoder of joint j with what it reads beside the motor's."""
+    joint, motor = f"joint_position_{j}", f"motor_position_{j}"
+    if joint not in seen.log or motor not in seen.log:
+        return {}
+    error = {name: seen.log[name] - fitted.columns[name] for name in (joint, motor)}
+    more = Map.of(shown[seen.kept], seen.on_grid(error[joint] - error[motor] / seen.ratio[j - 1])[seen.kept])
+    return {joint: found.columns[joint] + np.interp(held.log.time, held.time, more(asked))}
