@@ -107,6 +107,13 @@ def test_what_changes_dry_friction_presupposes_some() -> None:
     assert stribeck.presupposes(some) is None and viscous.presupposes(without) is None
 
 
+def test_what_differs_at_standstill_only_is_not_named_twice() -> None:
+    bias, other = (Atom("current_bias", j, "motor", (f"bias_{j}",), {}, True) for j in (1, 2))
+    uneven = Atom("asymmetric_friction", 1, "motor", ("asymmetric_torque_1",), {}, True)
+    assert bias.twin(uneven) and uneven.twin(bias)
+    assert not bias.twin(bias) and not other.twin(uneven)
+
+
 def fit(s: float, torque: float, level: float = 1.0) -> Any:
     """A fit that leaves that much."""
     at = SimpleNamespace(s=s, level=level)

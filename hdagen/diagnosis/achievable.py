@@ -164,21 +164,18 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
     gains = torque_per_input(arm)
     commands, _ = driven_by(arm, log, "command")
     columns = {k: v for k, v in log.columns.items() if not k.startswith(("motor_current", "motor_torque"))}
-    unread = {}
+    shown = dict(sight.replays[0].columns)  # the plain replay: what its current's sensors read
     for j, (added, flows) in enumerate(zip(torque, currents, strict=True), 1):
-        own = arm.input_names[j - 1].replace("motor_current", "motor_current_command")
-        own = own.replace("motor_torque", "motor_torque_command")
-        unread[j] = np.interp(log.time, sight.time, added) / gains[j - 1]
-        columns[own] = commands[:, j - 1] + unread[j]
+        own = arm.input_names[j - 1]
+        command = own.replace("motor_current", "motor_current_command").replace("motor_torque", "motor_torque_command")
+        columns[command] = commands[:, j - 1] + np.interp(log.time, sight.time, added) / gains[j - 1]
         if flows is not None:  # a current that is read in a row flowed before it
             beside = flows(_lagged(log[f"motor_current_command_{j}"]))
-            columns[own] = columns[own] + np.append(beside[1:], beside[-1])
+            columns[command] = columns[command] + np.append(beside[1:], beside[-1])
+            shown[own] = shown[own] + beside
     found = replay(arm, Log(log.time, columns, log.n_joints, log.source))
-    read = dict(found.columns)
-    for j, values in unread.items():
-        if (name := arm.input_names[j - 1]) in read:
-            read[name] = read[name] - np.append(values[:1], values[:-1])
-    return replace(found, columns=read)
+    inputs = {name: values for name, values in shown.items() if name in arm.input_names}
+    return replace(found, columns={**found.columns, **inputs})
 
 
 def _current(log: Log, plain: Replay, j: int) -> Map | None:

@@ -29,6 +29,7 @@ NEAR = 0.1  # by which a parameter of a hypothesis is moved about where it stand
 STEP = 0.1  # by which a parameter is moved for its column: small, as what is not meant is; large sizes are scanned
 LEAST = 1e-3  # of a shape parameter's range: its unit where the value is 0
 ORDER = "order"  # in the name of a shape that is no matter of small steps
+TWINS = {"current_bias", "asymmetric_friction"}
 CHANGES_FRICTION = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
 SHAPE = 0.5  # of a shape parameter's value: its unit
 
@@ -54,6 +55,10 @@ class Atom:
         base = arm.parameters.described.get(f"coulomb_friction_{self.joint}")
         without = self.effect in CHANGES_FRICTION and base is not None and not base.nominal
         return f"coulomb_friction@{self.joint}" if without else None
+
+    def twin(self, other: Atom) -> bool:
+        """Whether the two differ at standstill only, so that one of them beside the other says nothing."""
+        return self.joint == other.joint and {self.effect, other.effect} == TWINS
 
     def shape(self, arm: Arm, p: Array) -> None:
         """Put its shapes into the parameters ``p`` (np), in place."""
@@ -109,6 +114,10 @@ class Dictionary:
             ends.append((max(low, -most), min(high, most)))
         low, high = np.array(ends).T
         return low, high
+
+    def meaning(self, atoms: tuple[int, ...]) -> Dictionary:
+        """The same columns where only these atoms are meant."""
+        return replace(self, meant=frozenset(self.atoms[k].name for k in atoms))
 
     def free(self, atoms: tuple[int, ...]) -> np.ndarray:
         """Columns that are free when ``atoms`` are."""

@@ -72,7 +72,12 @@ def decide(search: Search) -> Decision:
     for fit in search.fitted:
         fits.setdefault(fit.names, fit)
     temperature = search.fitted[0].temperature
-    evidence = {names: fit.evidence(temperature) for names, fit in fits.items()}
+    evidence: dict[tuple[str, ...], float] = {}
+    for fit in search.fitted:
+        atoms = fit.design.words.atoms
+        for lesser in fit.lesser:
+            names = tuple(sorted(atoms[k].name for k in lesser))
+            evidence[names] = max(fit.evidence(temperature, lesser), evidence.get(names, -np.inf))
     linear = next(s.evidence for s in search.screened if not s.atoms)
     for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
         names = tuple(words.atoms[k].name for k in s.atoms)

@@ -9,7 +9,9 @@ Legend: θ parameters in usual sizes; s size of unexplained torque; κ scale of 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -21,7 +23,7 @@ from hdagen.plant import Array
 
 TEMPERATURE = 20.0  # at least: fits of one log that end in different places differ by as much
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
-TEMPERATURES = np.geomspace(1.0, 1e4, 17)
+TEMPERATURES = np.geomspace(1.0, 1e4, 9)
 CHORDS = 3
 REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
@@ -38,7 +40,7 @@ class Fitted:
     score: Scored
     unexplained: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
     clean: float  # log evidence that it would have if it left noise alone
-    tempered: Array | None = None  # log evidence at TEMPERATURES, of one without its columns
+    tempered: Mapping[tuple[int, ...], Array] | None = None  # `evidence` at TEMPERATURES, of one without its columns
 
     @property
     def whole(self) -> bool:
@@ -49,16 +51,24 @@ class Fitted:
         """What a decision needs of it, without the columns, which would fill the memory."""
         if self.tempered is not None:
             return self
-        found = np.array([self.evidence(t) for t in TEMPERATURES])
+        found = {atoms: np.array([self.evidence(t, atoms) for t in TEMPERATURES]) for atoms in self.lesser}
         return replace(self, design=self.design.bare(), tempered=found)
 
-    def evidence(self, temperature: float) -> float:
-        """Log evidence where the likelihood counts as its root of order ``temperature``."""
+    @property
+    def lesser(self) -> list[tuple[int, ...]]:
+        """Its own atoms, and those of the hypotheses that have fewer of them."""
+        return [some for count in range(len(self.atoms) + 1) for some in combinations(self.atoms, count)]
+
+    def evidence(self, temperature: float, atoms: tuple[int, ...] | None = None) -> float:
+        """Log evidence where the likelihood counts as its root of order ``temperature``; of the hypothesis with some of
+        its ``atoms`` where this one stands, the others being tolerated there: it could stand there, too."""
+        atoms = self.atoms if atoms is None else atoms
         if self.tempered is not None:
-            return float(np.interp(np.log(temperature), np.log(TEMPERATURES), self.tempered))
-        at, words, arm = self.score.at, self.design.words, self.design.shooting.arm
-        reduced, prior = self.design.linear().reduced(at.s), _prior(self.design, self.atoms)
-        return posterior(reduced, prior, at.s, at.kappa2, words.bounds(arm), temperature).evidence
+            return float(np.interp(np.log(temperature), np.log(TEMPERATURES), self.tempered[atoms]))
+        at, design = self.score.at, self.design
+        words = design.words.meaning(atoms)
+        reduced, prior = design.linear().reduced(at.s), _prior(design, atoms)
+        return posterior(reduced, prior, at.s, at.kappa2, words.bounds(design.shooting.arm), temperature).evidence
 
     @property
     def temperature(self) -> float:

@@ -107,7 +107,8 @@ def _promising(
     found: dict[str, tuple[float, int]] = {}
     linear = {s.atoms[-1]: s.evidence - alone.evidence for s in scored if len(s.atoms) > len(lead)}
     for k, gain in linear.items():
-        if words.atoms[k].presupposes(at.shooting.arm) not in (*(words.atoms[i].name for i in lead), None):
+        atom, beside = words.atoms[k], [words.atoms[i] for i in lead]
+        if atom.presupposes(at.shooting.arm) not in (*(b.name for b in beside), None) or any(map(atom.twin, beside)):
             continue
         at_size = starts[k].gain if k in starts else -np.inf
         name, best = words.atoms[k].name, max(gain, at_size)
