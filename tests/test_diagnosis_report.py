@@ -332,7 +332,7 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
     name = entry.partition("@")[0].replace("_", " ").capitalize()
     for words in (
         "not calibrated",
-        "Best achievable",
+        "Flexible correction",
         "Where and when",
         "The effect itself",
         "Ljung",
