@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -231,7 +232,7 @@ ENDS = {j: {"peak": 4.0, "lowest": -0.02, "highest": 0.02} for j in (1, 2)}
 @pytest.mark.parametrize("effect", SIZES)
 def test_every_effect_at_its_typical_size_stands_above_the_noise(effect: str, quiet: dict[str, np.ndarray]) -> None:
     joint = {"each": 2, "last": 2, "arm": 0}[SIZES[effect].joints]
-    p = {effect: parameters(CASE, FLAT, ENDS)[effect, joint]}
+    p = {effect: parameters(replace(CASE, truth=(Present(effect, joint, 1.0),)), FLAT, ENDS)[effect, joint]}
     if effect == "contact":
         p["contact"] |= {"angle": 0.0, "side": 1.0}
     found = log(FLAT, lively(), ({}, p if joint else {}), {} if joint else p)
@@ -253,7 +254,7 @@ def test_the_same_case_is_the_same_to_the_bit() -> None:
     case = Case("x", "background", 0, (Present("backlash", 1, 1.0),), 0.04, 3)
     (one, found, snr), (again, _, _) = (make(case, robots("s")[0], "log", 0.4, None) for _ in range(2))
     assert all(np.array_equal(one[name], again[name]) for name in one) and snr > 1.0
-    assert len(found) == 2 * 24 - 3 + 1  # each effect at both joints; payload at the last, tilt of the arm
+    assert len(found) == 2 * 24 - 3 + 1 - 2  # each effect at both joints; payload at the last, tilt of the arm; no wall
     held, _, _ = make(case, robots("s")[0], "hold_out", 0.4, found)
     assert not np.array_equal(one["joint_position_reference_1"], held["joint_position_reference_1"])
 

@@ -51,7 +51,6 @@ EFFECT = Effect(
             10.0,
             "joint angle above which it is met",
             starts=(1.0, 0.5, 0.0, 2.0),
-            typical=0.02,
             sliding="m",
         ),
         Parameter(
@@ -62,13 +61,12 @@ EFFECT = Effect(
             10.0,
             "joint angle below which it is met",
             starts=(-1.0, -0.5, 0.0, -2.0),
-            typical=0.02,
             sliding="m",
         ),
         Parameter(
             "contact_damping",
             "s/rad",
-            0.0,
+            0.5,
             0.0,
             20.0,
             "of what is met, by its depth",

@@ -31,6 +31,7 @@ LEAST = 1e-3  # of a shape parameter's range: its unit where the value is 0
 ORDER = "order"  # in the name of a shape that is no matter of small steps
 TWINS = {"current_bias", "asymmetric_friction"}
 CHANGES_FRICTION = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
+WALL = 0.02  # rad (or m), unit of where a wall stands: its range says nothing of what a hard one bears
 SHAPE = 0.5  # of a shape parameter's value: its unit
 
 
@@ -167,7 +168,7 @@ class Dictionary:
             q = arm.parameters.described[name]
             value = float(p[names.index(name)])
             broad = max(SHAPE * abs(value), LEAST * (q.high - q.low)) if q.low >= 0 else 0.1 * (q.high - q.low) / 2
-            unit = q.typical or broad
+            unit = WALL if name.startswith(("contact_above", "contact_below")) else broad
             columns.append(Column(name, names.index(name), value, unit, 1.0, -1, True, NEAR))
         return Dictionary(self.atoms, tuple(columns), focus.meant)
 

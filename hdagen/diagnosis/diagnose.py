@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from hdagen import verdict
 from hdagen.diagnosis.achievable import corrected
 from hdagen.diagnosis.decide import Decision, decide
@@ -52,6 +50,8 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
     """Diagnose logs of one machine together; the gap is measured on the logs ``hold_out``, else on the last fifth of
     each log, which the fit does not see. Raises LogError where a log cannot carry a diagnosis, PlantError where the
     model cannot be had."""
+    from threadpoolctl import threadpool_limits  # changes the environment when it is imported
+
     with threadpool_limits(1):  # small matrices by the hundred, beside threads of our own; and the same bits everywhere
         return _diagnose(robot, logs, hold_out, say)
 

@@ -110,10 +110,11 @@ def _spring(depth: Array, torque: Array) -> tuple[float, float]:
 
 def _zeroed(j: int, found: Mapping[str, float]) -> dict[str, float]:
     """The constant between the encoders: as much of it as may come from where an encoder off centre was set to zero."""
-    bias = found[f"encoder_bias_{j}"]
+    bias = found.get(f"encoder_bias_{j}", 0.0)
     most = math.hypot(found.get(f"eccentricity_sine_{j}", 0.0), found.get(f"eccentricity_cosine_{j}", 0.0))
     zero = float(np.clip(-bias, -most, most))
-    return {f"encoder_bias_{j}": bias + zero, f"eccentricity_zero_{j}": zero} if most > 0 else {}
+    both = {f"encoder_bias_{j}": bias + zero, f"eccentricity_zero_{j}": zero}
+    return both if most > 0 and f"encoder_bias_{j}" in found else {}
 
 
 def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Array]:
