@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,8 +22,9 @@ from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.evidence import posteriors, score
 from hdagen.diagnosis.linear import Linear
 from hdagen.diagnosis.record import record
-from hdagen.diagnosis.shooting import THREADS, Shooting
+from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
+from hdagen.diagnosis.together import together
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError, is_number
 from hdagen.reference import Reference
@@ -212,8 +212,7 @@ def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float
     }
     count = DRAWS if len(effects) == 2 else 1
     logs = [_sizes(at.words, effects, true, random) for true in effects for _ in range(count)]
-    with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(lambda theta: weighed(_with(linear, theta), at.words, effects), logs))
+    found = together(lambda theta: weighed(_with(linear, theta), at.words, effects), logs)
     evidence = {
         true: {name: float(np.mean([one[name] for one in found[k * count : (k + 1) * count]])) for name in effects}
         for k, true in enumerate(effects)

@@ -202,7 +202,7 @@ class Bank:
         """All filters from one row to the next, ``dt`` (W) later, in place; linearised where the ``best`` (W) filter
         is."""
         arm, (W, L) = self.arm, x.shape[:2]
-        steps = max(1, math.ceil(dt.max() / arm.step_size - 1e-9))
+        steps = max(1, math.ceil(dt.max() / arm.stable_step - 1e-9))
         h = dt / steps
         F = np.linalg.matrix_power(self._transition(x[np.arange(W), best], u, h), steps)
         fade = np.exp(-dt / MEMORY)[:, None, None]

@@ -8,7 +8,7 @@ Legend: d age of a joint encoder's reading, s; q, q̇ joint angle and speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from hdagen.plant import Arm, Array
 
+Rows = NDArray[np.intp]
+AGES = 8  # whose weights are kept
 APART = 3.0  # times the usual time between rows, from where rows are not neighbours
 
 
@@ -25,6 +27,7 @@ class Path:
 
     time: Array
     begins: Array | None = None
+    kept: dict[float, tuple[Rows, Array, Rows]] = field(default_factory=dict)
 
     @cached_property
     def step(self) -> Array:
@@ -46,19 +49,29 @@ class Path:
 
     def before(self, q: Array, rate: Array, d: float) -> Array:
         """q (T) as it was ``d`` seconds before each row; by its series where no two rows of its path enclose that."""
+        k, of, row = self._weights(d)
+        cubic = of[0] * q[k] + of[1] * rate[k] + of[2] * q[k + 1] + of[3] * rate[k + 1]
+        k = np.minimum(row, len(self.time) - 2)
+        slope = np.where(self.number[k + 1] == self.number[k], (rate[k + 1] - rate[k]) / self.step[k], 0.0)
+        cubic[row] = q[row] - d * rate[row] + 0.5 * d**2 * slope
+        return np.asarray(cubic)
+
+    def _weights(self, d: float) -> tuple[Rows, Array, Rows]:
+        """Row (T) after which ``d`` seconds before each row lies, the cubic's weights (4, T) of angle and speed in it
+        and in the next, and rows that no two of their path enclose; those of the last few ages are kept."""
+        if d in self.kept:
+            return self.kept[d]
         then = self.time - d
         k = np.clip(np.searchsorted(self.time, then, side="right") - 1, 0, len(self.time) - 2)
         h = self.step[k]
         s = (then - self.time[k]) / h
         left, square = (1 - s) ** 2, s**2
-        cubic = (1 + 2 * s) * left * q[k] + s * left * h * rate[k]
-        cubic += square * (3 - 2 * s) * q[k + 1] + square * (s - 1) * h * rate[k + 1]
+        of = np.stack([(1 + 2 * s) * left, s * left * h, square * (3 - 2 * s), square * (s - 1) * h])
         enclosed = (s >= 0) & (s <= 1) & self.joined[k] & (self.number[k] == self.number)
-        row = np.flatnonzero(~enclosed)
-        k = np.minimum(row, len(self.time) - 2)
-        slope = np.where(self.number[k + 1] == self.number[k], (rate[k + 1] - rate[k]) / self.step[k], 0.0)
-        cubic[row] = q[row] - d * rate[row] + 0.5 * d**2 * slope
-        return cubic
+        if len(self.kept) >= AGES:
+            self.kept.clear()
+        self.kept[d] = found = k, of, np.flatnonzero(~enclosed)
+        return found
 
 
 def read(arm: Arm, time: Array, x: Array, u: Array, begins: Array | None = None) -> dict[str, Array]:

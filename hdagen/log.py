@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,12 @@ def gaps(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     missing = np.rint(steps / np.median(steps)).astype(int) - 1 if len(steps) else np.empty(0, int)
     rows = np.flatnonzero((missing > 0) & (steps > _GAP * np.median(steps))) if len(steps) else np.empty(0, int)
     return rows, missing[rows]
+
+
+def parts(time: np.ndarray, longest: float) -> list[tuple[int, int]]:
+    """Rows [start, stop) between the steps of ``time`` (T,), s, that are longer than ``longest``."""
+    cuts = [0, *(np.flatnonzero(np.diff(time) > longest) + 1).tolist(), len(time)]
+    return [(a, b) for a, b in pairwise(cuts) if b > a]
 
 
 def _read_table(path: Path, mapping: ColumnMap) -> Table:

@@ -352,6 +352,11 @@ class Arm:
         """What tells the step that damped springs allow."""
         return Damping.of(self)
 
+    @property
+    def stable_step(self) -> float:
+        """The robot file's step, or the shorter one that springs damped as the parameters say allow, s."""
+        return self._most(None)
+
     def _most(self, most: float | None) -> float:
         """The longest step of a rollout with the parameters at hand, s."""
         return min(self._size(most), self.damping.longest_step(self.p))

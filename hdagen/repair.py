@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from hdagen import columns_toml
 from hdagen.columns import split_name
-from hdagen.log import Log, LogError, gaps
+from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
 from hdagen.suspicion import against_model
 from hdagen.suspicion.finding import Finding, Severity, in_words
@@ -128,8 +128,7 @@ def segments(time: np.ndarray) -> list[tuple[int, int]]:
     """
     steps = np.diff(time)
     longest = max(_GAP, _PERIODS * float(np.median(steps))) if len(steps) else _GAP
-    cuts = [0, *(np.flatnonzero(steps > longest) + 1).tolist(), len(time)]
-    return [(a, b) for a, b in pairwise(cuts) if b > a]
+    return parts(time, longest)
 
 
 def _joints(log: Log, arm: Arm) -> list[str]:
@@ -242,8 +241,8 @@ def _gaps(log: Log) -> list[Repair]:
     share = lost / (len(log) + lost)
     if not lost:
         return []
-    parts = len(segments(log.time))
-    cut = f" and the log is cut into {parts} parts at the long ones" if parts > 1 else ""
+    pieces = len(segments(log.time))
+    cut = f" and the log is cut into {pieces} parts at the long ones" if pieces > 1 else ""
     sentence = (
         f"{lost} row(s) are missing in {len(rows)} gap(s), {100 * share:.2g} % of the log: they stay gaps over which "
         f"commands are held{cut}; record with a logger that keeps up."

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 from hdagen import late, verdict
 from hdagen.channels import describe
 from hdagen.kalman import estimate
-from hdagen.log import Log, LogError
+from hdagen.log import Log, LogError, parts
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import Readings, Rows, mechanical, within
 
@@ -82,7 +81,7 @@ def replay(
     begins: list[Rows] = []
     states: list[Array] = []
     shown: list[Array] = []
-    for first, end in _recordings(log.time, window):
+    for first, end in parts(log.time, window):  # over a pause that is longer than a window nothing carries on
         part = log.rows(first, end)
         acting, at = acted_on(arm, part, inputs[first:end], input)
         own = window_starts(part.time, window)
@@ -92,12 +91,6 @@ def replay(
         states.append(x)
         shown.append(at)
     return compare(arm, log, np.concatenate(states), np.concatenate(shown), np.concatenate(begins), notes)
-
-
-def _recordings(time: Array, window: float) -> list[tuple[int, int]]:
-    """Rows [first, end) between pauses that are longer than a window: over them nothing carries on."""
-    edges = [0, *(np.flatnonzero(np.diff(time) > window) + 1).tolist(), len(time)]
-    return list(pairwise(edges))
 
 
 def check(arm: Arm, log: Log) -> None:

@@ -63,8 +63,8 @@ def test_first_states_and_torques_are_those_of_ridge_regression(s: float) -> Non
     theta = np.random.default_rng(5).normal(size=many)
     begun, torque = linear.inner(s, theta)
     for w, b in enumerate(blocks):
-        left, inner = b[:, -1] - b[:, m + k : -1] @ theta, b[:, : m + (k if s else 0)]
-        ridge = np.diag([0.0] * m + [1.0 / s**2] * k if s else [0.0] * m)
+        left, inner = b[:, -1] - b[:, m + k : -1] @ theta, b[:, : m + k]
+        ridge = np.diag([0.0] * m + [1.0 / s**2 if s else 1e20] * k)
         x = np.linalg.solve(inner.T @ inner + ridge, inner.T @ left)
         np.testing.assert_allclose(np.concatenate([begun[w], torque[w]]), x, rtol=1e-6, atol=1e-9)
 

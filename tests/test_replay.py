@@ -10,7 +10,7 @@ import pytest
 from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, multiples, simulated, spoilt
 
 from hdagen.log import Log, LogError
-from hdagen.plant import Arm, PlantError
+from hdagen.plant import Arm, PlantError, load
 from hdagen.readings import Readings
 from hdagen.replay import driven_by, replay, window_starts
 
@@ -82,6 +82,15 @@ def test_a_true_rigid_model_meets_the_noise_of_the_sensors(made: Callable) -> No
     assert max(multiples(found, "motor_position")) < 1.5
     assert max(multiples(found, "joint_position")) < 3.0
     assert "motor_torque_1" in found.columns and "motor_current_1" not in found.columns
+
+
+def test_springs_damped_far_beyond_the_robot_file_lose_no_window() -> None:
+    arm = load("paper")
+    arm.parameters["torsional_damping_2"] = 19.0 * arm.parameters["torsional_damping_2"]
+    assert arm.damping.longest_step(arm.p) < arm.step_size
+    found = replay(arm, simulated(arm, 3.0))
+    assert not found.notes
+    assert found.gap < 1.7
 
 
 @pytest.mark.parametrize("side", ["motor", "joint"])

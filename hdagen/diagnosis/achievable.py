@@ -73,8 +73,9 @@ def _left(X: Array, y: Array, weights: Array) -> float:
 def corrected(arm: Arm, fitted_on: Log, held_out: Log, before: Replay) -> Replay:
     """The replay ``before`` of ``held_out`` on the robot file's ``arm`` with the corrections that ``fitted_on`` has."""
     seen, held = _sight(arm, fitted_on, replay(arm, fitted_on)), _sight(arm, held_out, before)
-    basis = _basis(seen)
-    shown, asked = basis.features(seen), basis.features(held)
+    raw = _raw(seen)
+    basis = _basis(raw)
+    shown, asked = basis.features(seen, raw), basis.features(held, _raw(held))
     missing = seen.missing(seen.before)
     whole = missing.motor if missing.link is None else missing.motor + missing.link / seen.ratio
     maps = [Map.of(shown[j][seen.kept], whole[seen.kept, j]) for j in range(arm.n)]
@@ -100,9 +101,9 @@ class Basis:
     ways: Array
     phase: Array
 
-    def features(self, sight: Sight) -> list[Array]:
-        """Of each joint (K, F)."""
-        raw = _raw(sight) / self.scale  # (n, K, M)
+    def features(self, sight: Sight, raw: Array) -> list[Array]:
+        """Of each joint (K, F), ``raw`` (n, K, M) being what is measured."""
+        raw = raw / self.scale
         all_ = np.concatenate(list(raw), 1)
         waves = np.cos(all_ @ self.ways + self.phase)
         found = []
@@ -130,8 +131,8 @@ class Basis:
         return found
 
 
-def _basis(sight: Sight) -> Basis:
-    raw, rng = _raw(sight), np.random.default_rng(0)
+def _basis(raw: Array) -> Basis:
+    rng = np.random.default_rng(0)
     scale = np.maximum(raw.std(1, keepdims=True), 1e-12)
     ways = rng.normal(size=(raw.shape[0] * raw.shape[2], WAVES)) / np.sqrt(raw.shape[0] * raw.shape[2])
     return Basis(scale, ways, rng.uniform(0, 2 * np.pi, WAVES))
@@ -160,7 +161,6 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
     """The replay with a torque (K,) at each motor, of which the current's sensor reads nothing, and with the current
     that flows beside the model's, of which it does."""
     arm, log = sight.arm, sight.log
-    arm._prepare(sight.before)
     gains = torque_per_input(arm)
     commands, _ = driven_by(arm, log, "command")
     columns = {k: v for k, v in log.columns.items() if not k.startswith(("motor_current", "motor_torque"))}

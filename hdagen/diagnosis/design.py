@@ -132,7 +132,7 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
     old = [*range(head), *(kept[c.parameter, c.atom] for c in words.columns)]
     if nearer is None:
         made = Design(at.shooting, words, at.point, at.columns[old], at.residual, at.k)
-        made.__dict__["gram"] = Gram(at.gram.products[:, np.array(old)[:, None], old], at.shooting.m, at.k)
+        made.__dict__["gram"] = Gram(at.gram.some(old), at.shooting.m, at.k)
         return made
     own = {(c.parameter, c.atom): head + i for i, c in enumerate(nearer.words.columns)}
     columns = at.columns[old]
@@ -159,7 +159,7 @@ def renewed(at: Design, words: Dictionary, point: Point) -> Design:
     columns = at.columns[old]
     columns[places] = fresh
     made = Design(shooting, words, point, columns, residual(shooting, seen), k)
-    products = at.gram.products[:, np.array(old)[:, None], old]
+    products = at.gram.some(old)
     for w, part in enumerate(made.parts):
         products[w, places] = fresh[:, part] @ columns[:, part].T
         products[w, :, places] = products[w, places]

@@ -21,9 +21,11 @@ import scipy.linalg
 
 from hdagen.diagnosis.candidates import SLAB, Dictionary
 from hdagen.diagnosis.linear import Linear, Reduced
+from hdagen.diagnosis.together import together
 from hdagen.plant import Array
 
 TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 11)])  # s, in units of unexplained torque
+ROUGHLY = 2  # every which of them a first look takes
 MOST_CHANGES = 20  # of what is held at its bounds
 SCALES = 12  # at most, times that the windows are weighed anew
 STILL = 0.05  # change of log κ² below which they are not
@@ -63,10 +65,10 @@ def posteriors(
     near: float | None = None,
     bounds: Bounds | None = None,
 ) -> list[Posterior]:
-    """The posterior at every size s of unexplained torque, each window at the scale of what it leaves; with ``near`` at
-    the sizes about that one, as far as they get better."""
+    """The posterior at every second size s of unexplained torque, each window at the scale of what it leaves; with
+    ``near`` at all sizes about that one, as far as they get better."""
     if near is None:
-        return [settled(linear, spike, s, bounds) for s in TORQUES]
+        return together(lambda s: settled(linear, spike, s, bounds), TORQUES[::ROUGHLY].tolist())
     here = int(np.argmin(np.abs(TORQUES - near)))
     made = {here: settled(linear, spike, TORQUES[here], bounds)}
     for step in (-1, 1):

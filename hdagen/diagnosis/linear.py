@@ -14,7 +14,9 @@ Lange, Little, Taylor, J. Am. Stat. Assoc. 84 (1989) 881 (scales by group, found
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -26,15 +28,45 @@ CHANCE = 3.0  # standard deviations of chi² that chance is granted in a window
 
 
 @dataclass(frozen=True, eq=False)
-class Eliminated:
-    """First states and torques of size s eliminated: L factor (W, i, i), half = L⁻¹ [S | s B]' J (W, i, P), N = J'CJ
-    (W, P, P), log determinant."""
+class Spectrum:
+    """First states eliminated, and the torques turned, window by window, so that none of them answers for another one:
+    any size s of theirs then costs a product.
 
-    scale: Array
+    ``L`` factor of S'S (W, m, m); ``first`` = L⁻¹ S'[B | J] (W, m, k + P); ``turn`` (W, k, k) and ``power`` (W, k) of
+    B'B = Q λ Q'; ``told`` = Q'B'J (W, k, P); ``N`` = J'J (W, P, P), all without what first states tell.
+    """
+
     L: Array
-    half: Array
+    first: Array
+    turn: Array
+    power: Array
+    told: Array
     N: Array
-    logdet: float
+
+    @classmethod
+    def of(cls, products: Array, m: int, k: int) -> Spectrum:
+        """From the cross products (W, C, C) of [S | B | J]."""
+        A = products[:, :m, :m].copy()
+        A[:, range(m), range(m)] += RIDGE * (A[:, range(m), range(m)] + 1.0)
+        L = np.asarray(np.linalg.cholesky(A), float)
+        first = np.linalg.solve(L, products[:, :m, m:])
+        left = products[:, m:, m:] - first.swapaxes(1, 2) @ first
+        power, turn = (np.asarray(part, float) for part in np.linalg.eigh(left[:, :k, :k]))
+        return cls(L, first, turn, np.maximum(power, 0.0), turn.swapaxes(1, 2) @ left[:, :k, k:], left[:, k:, k:])
+
+    def weights(self, s: float) -> Array:
+        """Variances (W, k) of the turned torques, of standard deviation ``s`` before, in what the data then tell."""
+        return np.asarray(s**2 / (1.0 + s**2 * self.power))
+
+    def logdet(self, s: float) -> float:
+        """Log determinant of what is eliminated at size ``s``: a first state gains by chance what it costs, so that
+        models of as many as they like can be compared."""
+        return float(np.log1p(s**2 * self.power).sum()) + self.L.shape[1] * len(self.L)
+
+    def left(self, s: float) -> Array:
+        """J'CJ (W, P, P) with torques of size ``s`` eliminated, too."""
+        half = self.told * np.sqrt(self.weights(s))[..., None]
+        return self.N - half.swapaxes(1, 2) @ half
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,28 +76,28 @@ class Gram:
     products: Array
     m: int
     k: int
-    kept: dict[float, Eliminated] = field(default_factory=dict)
+    kept: dict[float, Array] = field(default_factory=dict)
 
-    def eliminated(self, s: float) -> Eliminated:
-        """With first states and torques of standard deviation ``s``; the last one is kept."""
-        if s not in self.kept:
-            self.kept.clear()
-            self.kept[s] = self._eliminated(s)
-        return self.kept[s]
+    def some(self, columns: Sequence[int]) -> Array:
+        """The products of some columns (W, c, c), in memory as they are read: fancy indices would turn them."""
+        found = np.empty((len(self.products), len(columns), len(columns)))
+        for one, of in zip(found, self.products, strict=True):
+            np.take(of[columns], columns, 1, out=one, mode="clip")
+        return found
 
-    def _eliminated(self, s: float) -> Eliminated:
-        m, inner = self.m, self.m + (self.k if s > 0 else 0)
-        scale = np.concatenate([np.ones(m), np.full(inner - m, s)])
-        A = self.products[:, :inner, :inner] * scale[:, None] * scale
-        A[:, range(m, inner), range(m, inner)] += 1.0
-        A[:, range(m), range(m)] += RIDGE * (A[:, range(m), range(m)] + 1.0)
-        outer = self.m + self.k
-        L = np.linalg.cholesky(A)
-        half = np.linalg.solve(L, self.products[:, :inner, outer:] * scale[:, None])
-        # a first state gains by chance what it costs, so that models of as many as they like can be compared
-        logdet = 2.0 * float(np.log(np.diagonal(L, axis1=1, axis2=2)[:, m:]).sum()) + m * len(L)
-        N = self.products[:, outer:, outer:] - half.swapaxes(1, 2) @ half
-        return Eliminated(scale, L, half, N, logdet)
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """First states eliminated, torques turned."""
+        return Spectrum.of(self.products, self.m, self.k)
+
+    def left(self, s: float) -> Array:
+        """J'CJ (W, P, P) with torques of standard deviation ``s``; the last two are kept."""
+        found = self.kept.get(s)
+        if found is None:
+            for old in list(self.kept)[:-1]:
+                self.kept.pop(old, None)
+            self.kept[s] = found = self.spectrum.left(s)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,20 +123,28 @@ class Linear:
 
     def reduced(self, s: float) -> Reduced:
         """With first states and torques of standard deviation ``s`` eliminated."""
-        e, outer = self.gram.eliminated(s), self.m + self.k
-        half = self._half(e, self.z[:, : len(e.scale)])
-        b = self.z[:, outer:] - np.einsum("wip,wi->wp", e.half, half, optimize=True)
-        return Reduced(e.N, b, self.r2 - (half**2).sum(1), e.logdet, np.maximum(self.rows - self.m, 1))
+        e = self.gram.spectrum
+        first, turned, own = self._told
+        weighted = turned * e.weights(s)
+        b = own - np.einsum("wkp,wk->wp", e.told, weighted, optimize=True)
+        c = self.r2 - (first**2).sum(1) - (turned * weighted).sum(1)
+        return Reduced(self.gram.left(s), b, c, e.logdet(s), np.maximum(self.rows - self.m, 1))
 
     def inner(self, s: float, theta: Array) -> tuple[Array, Array]:
-        """Change of the first states (W, m) and torques (W, k), in their units, that go with θ; no torques at s = 0."""
-        e, m = self.gram.eliminated(s), self.m
-        left = self.z[:, : len(e.scale)] - self.gram.products[:, : len(e.scale), m + self.k :] @ theta
-        found = np.linalg.solve(e.L.swapaxes(1, 2), self._half(e, left)[..., None])[..., 0] * e.scale
-        return found[:, :m], found[:, m:]
+        """Change of the first states (W, m) and torques (W, k), in their units, that go with θ."""
+        e = self.gram.spectrum
+        first, turned, _ = self._told
+        torques = np.einsum("wij,wj->wi", e.turn, e.weights(s) * (turned - e.told @ theta))
+        at = first - np.einsum("wmc,wc->wm", e.first, np.column_stack([torques, np.tile(theta, (len(torques), 1))]))
+        return np.linalg.solve(e.L.swapaxes(1, 2), at[..., None])[..., 0], torques
 
-    def _half(self, e: Eliminated, z: Array) -> Array:
-        return np.asarray(np.linalg.solve(e.L, (z * e.scale)[..., None])[..., 0])
+    @cached_property
+    def _told(self) -> tuple[Array, Array, Array]:
+        """What the residual tells first states (W, m), then the turned torques (W, k), and parameters (W, P)."""
+        e = self.gram.spectrum
+        first = np.asarray(np.linalg.solve(e.L, self.z[:, : self.m, None])[..., 0], float)
+        left = self.z[:, self.m :] - np.einsum("wmc,wm->wc", e.first, first, optimize=True)
+        return first, np.einsum("wij,wi->wj", e.turn, left[:, : self.k]), left[:, self.k :]
 
 
 @dataclass(frozen=True, eq=False)

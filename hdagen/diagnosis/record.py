@@ -24,8 +24,8 @@ from hdagen.replay import _noise, driven_by, window_starts
 
 QUANTITIES = ("motor_current", "motor_position", "joint_position", "joint_torque")
 REACH = 0.01  # s to each side of a window's first row from which its state is read
-MOST_WINDOWS = 160  # that are looked at
-MOST_VALUES = 30_000  # rows by channels that are looked at
+MOST_WINDOWS = 96  # that are looked at
+MOST_VALUES = 18_000  # rows by channels that are looked at
 SHORTEST = 0.5  # share of the window that a shorter last one must have
 
 

@@ -58,9 +58,9 @@ def _beside(gap: dict[str, Any]) -> str:
     if flexible >= before:
         return "; a flexible correction without structure reaches nothing"
     reached = f"; a flexible correction without structure reaches {flexible:.3g}"
-    return (
-        reached if after <= flexible else f"{reached}, so {100 * (before - after) / (before - flexible):.0f} % of that"
-    )
+    if after <= flexible:
+        return reached
+    return f"{reached}; the verdict closes {100 * (before - after) / (before - flexible):.0f} % of what that does"
 
 
 def _worst(gap: dict[str, Any]) -> str:

@@ -7,7 +7,6 @@ every effect is put into the model at a few sizes of either sign, with the base 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,8 @@ import numpy as np
 from hdagen.diagnosis.candidates import ORDER, SLAB, Atom, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, predicted
 from hdagen.diagnosis.evidence import Scored, settled
-from hdagen.diagnosis.shooting import THREADS, Lane
+from hdagen.diagnosis.shooting import Lane
+from hdagen.diagnosis.together import together
 from hdagen.plant import Array
 
 SIZES = (-2.0, -0.7, 0.7, 2.0)  # usual sizes
@@ -57,8 +57,7 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
         return evidence(base.seen(point, read), (*lead.atoms, k) if lead else ()) - none
 
     none = evidence(base, lead.atoms if lead else ())
-    with ThreadPoolExecutor(THREADS) as pool:
-        gains = list(pool.map(judged, zip(tried, seen, strict=True)))
+    gains = together(judged, zip(tried, seen, strict=True))
     found: dict[int, Start] = {}
     for (k, point), gain in zip(tried, gains, strict=True):
         if k not in found or gain > found[k].gain:

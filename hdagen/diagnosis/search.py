@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
+from hdagen.diagnosis.together import together
 
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
@@ -48,7 +50,6 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     at = design(shooting, words, first(shooting, words))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
     screened = score(posteriors(at.linear(), words.spike), words, singles)
-    at.gram.kept.clear()
     starts = scan(at, words)
     none = next(s for s in screened if not s.atoms)
     field = [
@@ -115,11 +116,12 @@ def _promising(
         if best > worth and best > found.get(name, (-np.inf, k))[0]:
             found[name] = best, k
     leading = sorted(found.values(), reverse=True)[:most]
-    fits = []
-    for _, k in leading:
+
+    def begin(k: int) -> Fitted:
         start = starts[k].point if k in starts and starts[k].gain > linear[k] else None
-        fits.append(begun(at, words, (*lead, k), alone.at.s, start))
-    return fits
+        return begun(at, words, (*lead, k), alone.at.s, start)
+
+    return together(begin, [k for _, k in leading])
 
 
 def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fitted]:
@@ -127,18 +129,22 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     best first."""
     out: list[Fitted] = []
     for number in range(1, len(sizes) + 1):
-        moved: list[Fitted] = []
-        while field:  # one at a time is replaced: all before and after their step would fill the memory
-            say(f"fitting {' + '.join(field[0].names) or 'none'}, round {number} of {len(sizes)}")
-            moved.append(advanced(field.pop(0), words))
-        moved, after = _ordered(moved), sizes[number] if number < len(sizes) else len(moved)
+        given, field = field, []
+        moved = _ordered(together(partial(_further, words, say, f"round {number} of {len(sizes)}"), given))
+        after = sizes[number] if number < len(sizes) else len(moved)
         none = next((f.score.evidence for f in moved if not f.atoms), None)
         least = -np.inf if none is None else none + TRAILING * (moved[0].score.evidence - none)
         field = [f for place, f in enumerate(moved) if not f.atoms or (place < after and f.score.evidence >= least)]
         out += [f.bare() for f in moved if f not in field]
     best = [f for place, f in enumerate(_ordered(field)) if not f.atoms or place < SETTLING]
     rest = [f for f in field if f not in best]
-    return _ordered([*out, *rest, *(_settled(f, best[0], words) for f in best)])
+    settled = together(partial(_settled, lead=best[0], words=words), best)
+    return _ordered([*out, *rest, *settled])
+
+
+def _further(words: Dictionary, say: Callable[[str], None], when: str, fit: Fitted) -> Fitted:
+    say(f"fitting {' + '.join(fit.names) or 'none'}, {when}")
+    return advanced(fit, words)
 
 
 def _clean(fit: Fitted) -> bool:

@@ -38,12 +38,12 @@ def with_springs(
     shooting = Shooting(flexible, record(flexible, seen.log, window), STEP)
     words = dictionary(flexible, suggested(flexible, shooting.record))
     atoms = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
-    places = [c.index for c in words.columns if c.atom in atoms]
+    own = [c for c in words.columns if c.atom in atoms]
     field: list[Fitted] = []
     for size in SIZES:
         p = flexible.p.copy()
-        for place, c in zip(places, (c for c in words.columns if c.atom in atoms), strict=True):
-            p[place] = c.center + size * c.unit
+        for c in own:
+            p[c.index] = c.center + size * c.unit
         at = design(shooting, words, Point(p, shooting.begun(p)))
         field.append(begun(at, words, atoms, found.fitted[0].score.at.s))
     fits = raced(at, words, field, say)

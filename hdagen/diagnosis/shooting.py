@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,10 +21,10 @@ import numpy as np
 
 from hdagen import late
 from hdagen.diagnosis.record import Record
+from hdagen.diagnosis.together import THREADS, together
 from hdagen.plant import Arm, Array
 from hdagen.readings import full_torsion, limits, mechanical, torque_per_input, unread
 
-THREADS = 2
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
 MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
 FEW = 2  # lanes that are faster one by one than in a vector
@@ -102,8 +101,7 @@ class Shooting:
         for k, lane in enumerate(lanes):  # a lane takes its own step in whatever company
             alike.setdefault((self._step(lane), lane.impulse is not None), []).append(k)
         groups = [group for same in alike.values() for group in self._split(same)]
-        with ThreadPoolExecutor(THREADS) as pool:
-            seen = list(pool.map(lambda group: self._run([lanes[k] for k in group]), groups))
+        seen = together(lambda group: self._run([lanes[k] for k in group]), groups)
         found = {
             k: read for group, reads in zip(groups, seen, strict=True) for k, read in zip(group, reads, strict=True)
         }

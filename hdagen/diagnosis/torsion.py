@@ -84,18 +84,14 @@ def _walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, flo
         if name not in arm.parameters.described:
             continue
         usual = arm.parameters.described[name].typical or 0.0
-        pushed, most = sign * torque, float(np.abs(torque).sum())
-        fits = [_spring(depth, pushed) for depth in np.maximum(sign * angle - _quantiles(sign * angle), 0.0)]
-        stiffness, missed = min(fits, key=lambda fit: fit[1])
+        toward, pushed, most = sign * angle, sign * torque, float(np.abs(torque).sum())
+        tried = np.quantile(toward, 1.0 - BEYOND)
+        fits = [_spring(np.maximum(toward - at, 0.0), pushed) for at in tried]
+        best = int(np.argmin([missed for _, missed in fits]))
+        stiffness, missed = fits[best]
         if missed < CLEAR * most and stiffness > usual:
-            at = _quantiles(sign * angle)[fits.index((stiffness, missed)), 0]
-            sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * at)
+            sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * tried[best])
     return sizes, shapes
-
-
-def _quantiles(angle: Array) -> Array:
-    """Angles (60, 1) of a wall that are tried."""
-    return np.quantile(angle, 1.0 - BEYOND)[:, None]
 
 
 def _spring(depth: Array, torque: Array) -> tuple[float, float]:
