@@ -145,6 +145,16 @@ def test_unknown_among_the_hypotheses_alone_has_their_probability() -> None:
     assert row(["unknown@2"], said).p_truth == pytest.approx(0.8)
 
 
+def test_what_a_log_cannot_show_counts_where_nothing_is_named() -> None:
+    none, unknown = diagnosis([], 0.0), diagnosis([], 0.0)
+    unknown.update(verdict=["unknown@2"], hypotheses=[{"effects": ["unknown@2"], "probability": 0.8}])
+    for said in (none, unknown):
+        said["unseen"] = ["backlash@2"]
+        assert row(["backlash@2"], said).confounded == ("backlash@2",)
+    named = diagnosis(["payload@2"], 0.9) | {"unseen": ["backlash@2"]}
+    assert "backlash@2" not in row(["backlash@2"], named).confounded
+
+
 def test_what_is_confounded_counts_where_the_verdict_is_wrong() -> None:
     said = diagnosis(["payload@2"], 0.9)
     said["causes"][0]["confounded_with"] = ["torque_constant@2"]

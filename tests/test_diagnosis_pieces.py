@@ -16,7 +16,8 @@ from hdagen.diagnosis.candidates import Atom
 from hdagen.diagnosis.decide import _strange
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import settled
-from hdagen.diagnosis.linear import Linear
+from hdagen.diagnosis.linear import Gram, Linear
+from hdagen.diagnosis.told import Told
 from hdagen.diagnosis.torsion import _walls, _zeroed
 
 
@@ -24,6 +25,32 @@ def described(**parameters: float) -> Any:
     """An arm that has these parameters, of typical size 100 and nominal as given."""
     each = {name: SimpleNamespace(typical=100.0, nominal=value) for name, value in parameters.items()}
     return SimpleNamespace(parameters=SimpleNamespace(described=each))
+
+
+# -- what a motion tells ----------------------------------------------------------------------------------------------
+
+
+def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> None:
+    """Four effects: one by itself, its likeness, one without any signal, another one by itself."""
+    rng = np.random.default_rng(7)
+    rows, names = 400, ("payload@1", "torque_constant@1", "backlash@2", "contact@2")
+    own, other, first = rng.normal(size=(3, rows))
+    J = np.stack([30 * own, 30 * own + 0.5 * rng.normal(size=rows), 1e-3 * own, 30 * other])
+    block = np.vstack([first, J])
+    linear = Linear(Gram((block @ block.T)[None], 1, 0), np.zeros((1, 5)), np.zeros(1), np.array([rows]), np.zeros(4))
+    words = SimpleNamespace(
+        spike=np.full(4, 0.05),
+        atoms=[SimpleNamespace(name=name) for name in names],
+        columns=[SimpleNamespace(atom=k) for k in range(4)],
+    )
+    design = SimpleNamespace(words=words, linear=lambda: linear)
+    score = SimpleNamespace(at=SimpleNamespace(s=0.0, kappa2=np.ones(1)))
+    fit: Any = SimpleNamespace(score=score, design=design, posterior=(np.array([0.8, 0.0, 0.0, 1.0]), None))
+    told = Told(fit, 12.0)
+    assert told.unseen() == ["backlash@2"]
+    assert told.beside("payload@1") == ["torque_constant@1"]
+    assert told.beside("contact@2") == []
+    assert set(Told(fit, 1e7).unseen()) == set(names)  # a log that counts for nothing shows nothing
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------

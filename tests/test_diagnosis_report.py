@@ -81,6 +81,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "causes": causes,
         "hypotheses": [{"effects": verdict, "probability": 0.9}, {"effects": ["backlash@2"], "probability": 0.1}],
         "parameters": {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in (base or {}).items()},
+        "unseen": ["torque_constant@2"],
         "robot": {"name": "test <arm>", "sha256": "0" * 64},
         "method": {"calibrated": False},
         "data": {

@@ -125,6 +125,8 @@ def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
         if key in verdict:
             found.setdefault(key, dict(cause.get("parameters", {})))
             confounded += [alike(one) for one in cause.get("confounded_with", [])]
+    if not any(one in marginal for one in verdict):  # none, or unknown: what may be there all the same
+        confounded += [alike(one) for one in said.get("unseen", [])]
     hypotheses: dict[frozenset[str], float] = {}
     for one in said["hypotheses"]:
         effects = frozenset(alike(effect) for effect in one["effects"])

@@ -11,6 +11,7 @@ from hdagen.diagnosis.decide import SURE, Decision
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
 from hdagen.diagnosis.separators import separate_by
+from hdagen.diagnosis.told import Told
 from hdagen.plant import Parameter
 
 LIKELY = 0.01  # probability from which another cause is named as confounded
@@ -22,10 +23,13 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
     place = {atom.name: atom.place for fit in found.fitted for atom in fit.design.words.atoms}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown"))
     likely = {name: decision.marginal(name) for name in named}
+    told = Told(best if best.whole else found.fitted[0], found.fitted[0].temperature)
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
-        others = [o for o in likely if o != name and likely[o] > LIKELY and o not in decision.verdict]
+        others = [o for o in likely if o != name and likely[o] > LIKELY]
+        others += told.beside(name) if name in decision.verdict and name in told.columns else []
+        others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
         causes.append(_cause(name, likely[name], fit, others))
     return {
         "schema": verdict.SCHEMA,
@@ -35,6 +39,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "causes": causes,
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": _base(best),
+        "unseen": told.unseen(),
         "method": {
             "calibrated": True,
             "uncalibrated": decision.stated,

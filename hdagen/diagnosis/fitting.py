@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
 from hdagen.diagnosis.candidates import SLAB, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design, knots, renewed
-from hdagen.diagnosis.evidence import Scored, posterior, posteriors, settled
+from hdagen.diagnosis.evidence import Posterior, Scored, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear
 from hdagen.plant import Array
 
@@ -61,14 +62,30 @@ class Fitted:
 
     def evidence(self, temperature: float, atoms: tuple[int, ...] | None = None) -> float:
         """Log evidence where the likelihood counts as its root of order ``temperature``; of the hypothesis with some of
-        its ``atoms`` where this one stands, the others being tolerated there: it could stand there, too."""
+        its ``atoms`` where this one stands, the others being tolerated there: it could stand there, too, as far as the
+        linear model holds."""
         atoms = self.atoms if atoms is None else atoms
         if self.tempered is not None:
             return float(np.interp(np.log(temperature), np.log(TEMPERATURES), self.tempered[atoms]))
+        return self._tempered(atoms, temperature).evidence - 0.5 * self._overrated[atoms] / temperature
+
+    def _tempered(self, atoms: tuple[int, ...], temperature: float) -> Posterior:
         at, design = self.score.at, self.design
-        words = design.words.meaning(atoms)
-        reduced, prior = design.linear().reduced(at.s), _prior(design, atoms)
-        return posterior(reduced, prior, at.s, at.kappa2, words.bounds(design.shooting.arm), temperature).evidence
+        reduced, bounds = design.linear().reduced(at.s), design.words.meaning(atoms).bounds(design.shooting.arm)
+        return posterior(reduced, _prior(design, atoms), at.s, at.kappa2, bounds, temperature)
+
+    @cached_property
+    def _overrated(self) -> dict[tuple[int, ...], float]:
+        """By how much the linear model promises too little of minus twice the log posterior where a hypothesis with
+        fewer atoms would stand: without what is large it is no model of theirs."""
+        found = {self.atoms: 0.0}
+        linear, s = self.design.linear(), self.score.at.s
+        for atoms in self.lesser[:-1]:
+            theta, prior = self._tempered(atoms, TEMPERATURE).mean, _prior(self.design, atoms)
+            there = _tried(self.design, linear, s, _moved(self.design, linear, s, theta))[1]
+            missed = there.reduced(s).cost(there.theta, prior) - linear.reduced(s).cost(theta, prior)
+            found[atoms] = max(missed, 0.0)
+        return found
 
     @property
     def temperature(self) -> float:
@@ -149,9 +166,7 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
         for reach in REACHES:
             theta = settled(linear, prior, s, bounds, reach).mean
             promised = cost - linear.reduced(s).cost(theta, prior)
-            begun = at.point.begun.copy()
-            begun[at.shooting.record.kept] += linear.inner(s, theta)[0]
-            trial, there = _tried(at, linear, s, placed(at, theta, begun))
+            trial, there = _tried(at, linear, s, _moved(at, linear, s, theta))
             value = there.reduced(s).cost(there.theta, prior)
             worse = best[0] <= value
             if not worse:
@@ -162,6 +177,13 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
         if gain < ENOUGH:
             break
     return at
+
+
+def _moved(at: Design, linear: Linear, s: float, theta: Array) -> Point:
+    """The point at θ, each window beginning where that goes best with it."""
+    begun = at.point.begun.copy()
+    begun[at.shooting.record.kept] += linear.inner(s, theta)[0]
+    return placed(at, theta, begun)
 
 
 def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, Linear]:

@@ -157,6 +157,11 @@ def _candidates(content: dict[str, Any]) -> Section:
         text += "\n\nWhat this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
     else:
         text += "\n\nNothing else explains this log nearly as well: no pair is confounded."
+    if unseen := content["unseen"]:
+        text += (
+            f"\n\nThis motion would not show, even in their usual size: {', '.join(words(o) for o in unseen)}. "
+            "`hdagen excite` designs one that does."
+        )
     named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
     others = sum(float(r[1]) for r in rows[named:])
     rest = f"The other {len(rows) - named} hold {others:.2g} together." if len(rows) > named else ""
