@@ -24,6 +24,9 @@ FURTHER = 0.3  # that there is one more
 UNKNOWN = 0.6, 1.0
 LEFT = 0.6
 NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
+BEYOND = (
+    2.0  # standard deviations of the robot file's tolerance, from which a base parameter off its value is an effect
+)
 LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of an effect, that another one may bring which makes up for its formula
@@ -65,6 +68,14 @@ def sizes(fit: Fitted) -> dict[str, float]:
     return {words.atoms[k].name: float(np.linalg.norm(mean[words.free((k,))])) for k in fit.atoms}
 
 
+def least(fit: Fitted) -> dict[str, float]:
+    """From which size on each effect that is free is present: what the robot file is as likely as not to be off by
+    anyway is none."""
+    words, spike = fit.design.words, fit.design.words.spike
+    own = {words.atoms[k].name: spike[words.free((k,))].max(initial=0.0) for k in fit.atoms}
+    return {name: max(PRESENT, BEYOND * float(width)) for name, width in own.items()}
+
+
 def decide(search: Search) -> Decision:
     """Probabilities over none, every effect on every joint and the sets that were fitted, and the verdict."""
     words = search.words
@@ -87,7 +98,8 @@ def decide(search: Search) -> Decision:
     weight = {names: _prior(len(names), count) * np.exp(e - top) for names, e in evidence.items()}
     place = {atom.name: atom.place for fit in fits.values() for atom in fit.design.words.atoms}
     for names in sorted(fits, key=len, reverse=True):
-        less = _less(names, sizes(fits[names]), evidence, place)
+        size, needed = sizes(fits[names]), least(fits[names])
+        less = _less(names, {name: size[name] / needed[name] for name in size}, evidence, place)
         if less != names:
             weight[less if less in weight else ()] += weight[names]
             weight[names] = 0.0
@@ -127,9 +139,9 @@ def _less(
     evidence: Mapping[tuple[str, ...], float],
     place: Mapping[str, str],
 ) -> tuple[str, ...]:
-    """The set without what is too small to count, and without an effect that only makes up for the formula of another
-    one between the encoders of the same joint."""
-    large = tuple(name for name in names if size[name] >= PRESENT)
+    """The set without what is too small to count, ``size`` being in multiples of the least that does, and without an
+    effect that only makes up for the formula of another one between the encoders of the same joint."""
+    large = tuple(name for name in names if size[name] >= 1.0)
     for name in large if large == names else ():
         rest = tuple(n for n in names if n != name)
         beside = [n for n in rest if place[n] in GEAR and n.partition("@")[2] == name.partition("@")[2]]

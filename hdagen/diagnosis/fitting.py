@@ -29,6 +29,7 @@ CHORDS = 3
 REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
+BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
 ENOUGH = 1.0  # of log evidence that a step must bring for another one with the same columns
 
 
@@ -141,10 +142,12 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None
 
 
 def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
-    """Standard deviations of θ (P) with the effects of a hypothesis free: as wide as these are large, if that is more
-    than usual, as walls and dampers come in all orders of magnitude."""
+    """Standard deviations of θ (P) with the effects of a hypothesis free: of a wall or a damper as wide as it is large,
+    if that is more than usual, as those come in all orders of magnitude."""
     prior, free = at.words.spike, at.words.free(atoms)
-    prior[free] = np.maximum(np.abs(at.words.theta(at.point.p)[free]), SLAB)
+    described = list(at.shooting.arm.parameters.described.values())
+    broad = np.array([described[at.words.columns[k].index].unit.endswith(BROAD) for k in free], bool)
+    prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(at.point.p)[free]), SLAB), SLAB)
     return prior
 
 

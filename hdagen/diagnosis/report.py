@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.diagnose import Diagnosis
 from hdagen.diagnosis.maps import COLORS, maps
 from hdagen.diagnosis.missing import Sight
@@ -150,7 +151,8 @@ def _candidates(content: dict[str, Any]) -> Section:
     ]
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance "
-        "and every other effect within a small size. An effect below 15 % of its usual size counts as none."
+        "and every other effect within a small size. An effect below "
+        f"{100 * PRESENT:g} % of its usual size counts as none."
     )
     if pairs:
         said = [f"{a[0].upper()}{a[1:]} may also be {b}. {how}" for a, b, how in pairs]  # type: ignore[index]
