@@ -56,8 +56,15 @@ def test_where_the_claims_stop_is_where_the_damping_is_critical(bench: Bench) ->
     assert settles["K"]["over-damped"] < -0.7
     assert sweeps.exponents(sweep, sweep.arm, "largest")["K"]["under-damped"] < -0.7
     faster = sweeps.share_that_keeps(sweep, "B", "settling", -1)
-    assert 0.4 < sweeps.stops(faster) < 1.6
-    assert np.isinf(sweeps.stops(sweeps.share_that_keeps(sweep, "K", "largest", -1)))
+    kept = sweeps.held(faster)
+    assert kept is not None and 0.4 < kept[1] < 1.6
+    assert min(share for _, share in sweeps.share_that_keeps(sweep, "K", "largest", -1)) >= sweeps.KEEPS
+
+
+def test_a_claim_holds_in_the_longest_range_that_nine_in_ten_keep() -> None:
+    shares = [(0.1, 0.95), (0.2, 0.5), (0.3, 0.9), (0.5, 1.0), (0.8, 0.91), (1.2, 0.2)]
+    assert sweeps.held(shares) == (0.3, 0.8)
+    assert sweeps.held([(0.1, 0.6), (0.2, 0.89)]) is None
 
 
 def test_a_sweep_answers_as_single_runs_do(bench: Bench) -> None:

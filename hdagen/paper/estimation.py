@@ -34,7 +34,8 @@ def fig15(bench: Bench) -> Result:
         "4096 counts and 2¹⁸; Hall sensors in the table."
     )
     logs = {"static": static.log, "moving": moving.log, "moving_hall": hall.log}
-    claims, robots = _claims(table, peak, filters, why), dict.fromkeys(logs, bench.robot_file(machine()))
+    claims = _claims(table, peak, filters, why)
+    robots = {end: bench.robot_file(machine(), fine=not end.endswith("hall")) for end in logs}
     title = "Torque estimation of both joints"
     return Result("fig15", title, text, parts, claims, numbers, 2, _choices(), logs, robots)
 

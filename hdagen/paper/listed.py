@@ -58,15 +58,15 @@ FIGURES = (
 
 def named(names: Sequence[str]) -> tuple[Listed, ...]:
     """The figures of those names, in their order; "all" is every one. PlantError for one that does not exist."""
-    if "all" in names:
-        return FIGURES
     known = {figure.name: figure for figure in FIGURES}
     problems = []
     for name in names:
-        if name not in known:
+        if name == "list":
+            problems.append("list stands alone: hdagen paper list.")
+        elif name not in known and name != "all":
             near = get_close_matches(name.lower().replace(" ", "").replace(".", ""), known, n=1)
             meant = f" (did you mean {near[0]}?)" if near else ""
             problems.append(f"no figure or table named {name[:40]!r}{meant}; there are {', '.join(known)}, and all.")
     if problems:
         raise PlantError("\n".join(problems))
-    return tuple(known[name] for name in dict.fromkeys(names))
+    return FIGURES if "all" in names else tuple(known[name] for name in dict.fromkeys(names))

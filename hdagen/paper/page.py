@@ -120,8 +120,8 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
         f"{len(claims) - kept - broken} it gives nothing to hold them to."
     )
     reproduce = (
-        "    hdagen paper all\n\nEach figure's log lies beside it, and `hdagen replay paper_prototype LOG` simulates "
-        "it again. docs/paper.md says why things differ."
+        "    hdagen paper all\n\nEach figure's log lies beside it, and `hdagen replay ROBOT LOG` simulates it again: "
+        "ROBOT is the .toml of the same name, or paper_prototype without one. docs/paper.md says why things differ."
     )
     target = folder / "index.html"
     page.write(target, "The paper, reproduced", verdict, whole, reproduce)

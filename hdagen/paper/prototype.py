@@ -6,6 +6,7 @@ paper names neither the inner loop of its controllers nor the size of most pushe
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,13 +62,15 @@ class Bench:
         arm.parameters.update(changes or {})
         return arm
 
-    def robot_file(self, changes: Mapping[str, float], robot: str = ROBOT) -> bytes:
-        """The preset's file with parameters changed, as `hdagen replay` takes it."""
+    def robot_file(self, changes: Mapping[str, float], robot: str = ROBOT, fine: bool = False) -> bytes:
+        """The preset's file with parameters changed, as `hdagen replay` takes it; ``fine``: with encoders of 4096
+        counts at the motors."""
         arm = self.arm(robot, changes)
         file = RobotFile((Path(__file__).parents[2] / "gen" / "presets" / f"{robot}.toml").read_bytes(), arm)
         for name, value in changes.items():
             file.put(file.place(name), value)
-        return file.text()
+        text = file.text()
+        return re.sub(rb"(motor_encoder_resolution = )[^ #\n]*", rb"\g<1>%.17g" % ENCODER, text) if fine else text
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
         """What ``make`` gives, made at its first use."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -22,6 +22,7 @@ SHAPES = {"admittance": (16, 25, 25), "impedance": (10, 16, 16)}  # 10 000 and 2
 LABELS = {"M": "M (kg)", "B": "B (N s/m)", "K": "K (N/m)"}
 VALUES = ("settling time (s)", "overshoot (1)", "largest displacement (m)")
 REGIONS = {"under-damped": (0.0, 0.7), "near critical": (0.7, 1.4), "over-damped": (1.4, np.inf)}  # damping ratio
+KEEPS = 0.9  # share of neighbours from which a claim holds
 TOGETHER, COARSE = 2000, 0.01  # sets of the ideal at once; s from row to row of it, exact at its rows
 
 
@@ -88,17 +89,21 @@ def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, f
 
 def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list[tuple[float, float]]:
     """(damping ratio, share of neighbours along ``letter`` for which the measure moves by ``sign``, or less than a
-    tenth of a percent) in classes of damping ratio."""
+    tenth of a percent) in classes of damping ratio. What does not settle settles last; a lost arm does not count."""
     axis, values = "MBK".index(letter), sweep.arm[..., 0, MEASURES.index(measure)]
-    step = np.diff(values, axis=axis)
+    lost = np.isnan(sweep.arm[..., 0, MEASURES.index("largest")])
+    values = np.where(np.isnan(values) & ~lost, np.inf, values)
+    with np.errstate(invalid="ignore"):  # of two that never settle neither is first
+        step = np.diff(values, axis=axis)
+    usual = float(np.median(values[np.isfinite(values)]))
     middle = np.moveaxis(sweep.ratio, axis, 0)
     ratio = np.moveaxis(np.sqrt(middle[1:] * middle[:-1]), 0, axis)
     edges = np.geomspace(0.05, 8.0, 15)
     found = []
     for low, high in pairwise(edges):
-        inside = (ratio >= low) & (ratio < high) & np.isfinite(step)
+        inside = (ratio >= low) & (ratio < high) & ~np.isnan(step)
         if inside.sum() >= 10:
-            keeps = sign * step[inside] > -1e-3 * np.nanmedian(values)
+            keeps = sign * step[inside] > -1e-3 * usual
             found.append((float(np.sqrt(low * high)), float(keeps.mean())))
     return found
 
@@ -119,10 +124,12 @@ WORDS = {
 }
 
 
-def stops(shares: list[tuple[float, float]]) -> float:
-    """The damping ratio from which on more neighbours break the claim than keep it; infinite where none do."""
-    broken = [ratio for ratio, share in shares if share < 0.5]
-    return broken[0] if broken else float("inf")
+def held(shares: list[tuple[float, float]]) -> tuple[float, float] | None:
+    """The longest range of damping ratios in which at least nine in ten neighbours keep the claim; None where none
+    do."""
+    runs = [list(run) for kept, run in groupby(shares, lambda one: one[1] >= KEEPS) if kept]
+    longest = max(runs, key=len, default=[])
+    return (longest[0][0], longest[-1][0]) if longest else None
 
 
 def maps11(bench: Bench) -> Result:
@@ -156,7 +163,7 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
         "threads": bench.threads,
         "lost_share": lost,
         "exponents": by,
-        "stops_at_damping_ratio": {WORDS[key]: stops(found) for key, found in shares.items()},
+        "holds_for_damping_ratios": {WORDS[key]: held(found) for key, found in shares.items()},
         "shares": {WORDS[key]: found for key, found in shares.items()},
     }
     text = (
@@ -218,28 +225,33 @@ def _claims(
     settles, largest = by["settling"]["arm"], by["largest"]["arm"]
 
     def where(key: tuple[str, str]) -> str:
-        ratio = stops(shares[key])
-        return "everywhere in the grid" if np.isinf(ratio) else f"up to a damping ratio of {ratio:.2g}"
+        found, worst = held(shares[key]), min(share for _, share in shares[key])
+        most = f"{100 * KEEPS:.0f} % of neighbouring sets"
+        if worst >= KEEPS:
+            return f"in {most} or more everywhere in the grid"
+        if found is None:
+            return f"nowhere in {most}, {100 * worst:.0f} % at worst"
+        return f"in {most} or more for damping ratios of {found[0]:.2g} to {found[1]:.2g}, {100 * worst:.0f} % at worst"
 
     under = "under-damped"
     return [
         Claim(
             "a smaller M settles faster, with less overshoot",
-            f"{where(('M', 'settling'))}, settling ∝ M^{settles['M'][under]:.2f} under-damped; less overshoot "
+            f"faster {where(('M', 'settling'))}, settling ∝ M^{settles['M'][under]:.2f} under-damped; less overshoot "
             f"{where(('M', 'overshoot'))}",
             settles["M"][under] > 0.5,
             "the envelope is e^(−B t/2M); over-damped the slow pole is K/B, without M",
         ),
         Claim(
             "a larger B settles faster, with less overshoot",
-            f"{where(('B', 'settling'))}, settling ∝ B^{settles['B'][under]:.2f} under-damped and "
+            f"faster {where(('B', 'settling'))}, settling ∝ B^{settles['B'][under]:.2f} under-damped and "
             f"B^{settles['B']['over-damped']:.2f} over-damped; less overshoot {where(('B', 'overshoot'))}",
             settles["B"][under] < -0.5,
             "over-damped a larger B is slower: the slow pole is K/B",
         ),
         Claim(
             "a larger K moves less",
-            f"{where(('K', 'largest'))}, largest displacement ∝ K^{largest['K'][under]:.2f} under-damped",
+            f"less {where(('K', 'largest'))}, largest displacement ∝ K^{largest['K'][under]:.2f} under-damped",
             largest["K"][under] < -0.5,
             "at rest F/K; a push of 1 s is too short for the softest, over-damped sets",
         ),

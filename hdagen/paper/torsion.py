@@ -265,5 +265,5 @@ def _choices() -> list[Choice]:
         Choice("0.025 to 0.035 N m at the motor", "above running friction", "as motor torques: below Table I's "
                         "starting torque, 0.037 N m, and nothing moves"),
         Choice("motor encoder", f"the paper's 42 counts, and 4096 ({ENCODER:.1e} rad) beside "
-                        "it", "see the table: coefficients ten to fifty times less certain"),
+                        "it", "see the table: how much less certain coefficients are"),
     ]  # fmt: skip
