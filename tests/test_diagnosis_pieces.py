@@ -12,10 +12,11 @@ import pytest
 from test_diagnosis import problem
 
 from hdagen.diagnosis import calibration
-from hdagen.diagnosis.candidates import Atom
-from hdagen.diagnosis.decide import _strange
+from hdagen.diagnosis.candidates import PRESENT, SPIKE, Atom
+from hdagen.diagnosis.decide import _strange, least
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import settled
+from hdagen.diagnosis.fitting import _prior
 from hdagen.diagnosis.linear import Gram, Linear
 from hdagen.diagnosis.told import Told
 from hdagen.diagnosis.torsion import _walls, _zeroed
@@ -25,6 +26,37 @@ def described(**parameters: float) -> Any:
     """An arm that has these parameters, of typical size 100 and nominal as given."""
     each = {name: SimpleNamespace(typical=100.0, nominal=value) for name, value in parameters.items()}
     return SimpleNamespace(parameters=SimpleNamespace(described=each))
+
+
+# -- what counts ------------------------------------------------------------------------------------------------------
+
+
+def free(*spikes: float) -> Any:
+    """A fit in which atoms 0, 1, … are free, a column each of these spikes."""
+    words = SimpleNamespace(
+        spike=np.array(spikes),
+        atoms=[SimpleNamespace(name=f"payload@{k + 1}") for k in range(len(spikes))],
+        free=lambda atoms: np.array(atoms, int),
+    )
+    return SimpleNamespace(design=SimpleNamespace(words=words), atoms=tuple(range(len(spikes))))
+
+
+def test_what_the_robot_files_tolerance_allows_is_no_effect() -> None:
+    assert least(free(SPIKE, 0.34)) == {"payload@1": PRESENT, "payload@2": pytest.approx(0.68)}
+
+
+@pytest.mark.parametrize("unit, width", [("N m/rad", 90.0), ("N m s/rad", 90.0), ("N m", 1.0), ("1", 1.0)])
+def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width: float) -> None:
+    words = SimpleNamespace(
+        spike=np.full(2, SPIKE),
+        columns=[SimpleNamespace(index=0), SimpleNamespace(index=1)],
+        free=lambda atoms: np.array([1]),
+        theta=lambda p: np.array([3.0, 90.0]),
+    )
+    described = {"mass_1": SimpleNamespace(unit="kg"), "amplitude": SimpleNamespace(unit=unit)}
+    arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
+    at: Any = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
+    np.testing.assert_allclose(_prior(at, (0,)), [SPIKE, width])
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------
