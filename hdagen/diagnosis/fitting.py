@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import SLAB, Dictionary
+from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design, knots, renewed
 from hdagen.diagnosis.evidence import Posterior, Scored, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear
@@ -117,6 +117,19 @@ def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, st
         words.atoms[k].shape(at.shooting.arm, p)
     own.point = Point(p, at.point.begun)
     return _scored(own, atoms, near)
+
+
+def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
+    """The hypothesis with some of a fit's atoms, begun where that stands, the others at what is tolerated of them: it
+    could stand there, too, and about its own numbers it may not have found it."""
+    p, arm = fit.design.point.p.copy(), fit.design.shooting.arm
+    for c in words.columns:
+        if c.atom in fit.atoms and c.atom not in atoms:
+            most = TOLERATED * c.spike * abs(c.unit)
+            p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
+    point = Point(p, fit.design.point.begun)
+    there = design(fit.design.shooting, words.about(arm, atoms, p), point)
+    return _scored(there, atoms, fit.score.at.s, fit.clean)
 
 
 def advanced(fit: Fitted, words: Dictionary, every: bool = False) -> Fitted:

@@ -11,7 +11,7 @@ import numpy as np
 from hdagen.diagnosis.candidates import Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
-from hdagen.diagnosis.fitting import TEMPERATURE, Fitted, advanced, begun
+from hdagen.diagnosis.fitting import TEMPERATURE, Fitted, advanced, begun, lessened
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
@@ -23,6 +23,7 @@ MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
 WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
 LONGEST = 3  # further rounds at most, each for another temperature of log evidence
+FEWER = 3  # rounds of what has fewer effects than the leader, from where that stands
 SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
 MUCH = 0.1  # of the log evidence that none lacks
@@ -75,7 +76,17 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
         if fitted[0] is before:
             break
         leads, fitted = [fitted[0]], _bare(fitted)
-    return fitted
+    lead = fitted[0]
+    fewer = [atoms for atoms in lead.lesser if len(atoms) in {0, len(lead.atoms) - 1} - {len(lead.atoms)}]
+    return _bare(_ordered([*fitted, *together(partial(_fewer, lead, words, say), fewer)]))
+
+
+def _fewer(lead: Fitted, words: Dictionary, say: Callable[[str], None], atoms: tuple[int, ...]) -> Fitted:
+    """The hypothesis with some of the lead's atoms, fitted from where the lead stands."""
+    fit = lessened(lead, words, atoms)
+    for number in range(1, FEWER + 1):
+        fit = _further(words, say, f"from {' + '.join(lead.names)}, round {number} of {FEWER}", fit)
+    return fit
 
 
 def _much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
