@@ -59,8 +59,9 @@ class Path:
     def _weights(self, d: float) -> tuple[Rows, Array, Rows]:
         """Row (T) after which ``d`` seconds before each row lies, the cubic's weights (4, T) of angle and speed in it
         and in the next, and rows that no two of their path enclose; those of the last few ages are kept."""
-        if d in self.kept:
-            return self.kept[d]
+        known = self.kept.get(d)  # threads share a path
+        if known is not None:
+            return known
         then = self.time - d
         k = np.clip(np.searchsorted(self.time, then, side="right") - 1, 0, len(self.time) - 2)
         h = self.step[k]

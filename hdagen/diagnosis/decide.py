@@ -24,9 +24,7 @@ FURTHER = 0.3  # that there is one more
 UNKNOWN = 0.6, 1.0
 LEFT = 0.6
 NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
-BEYOND = (
-    2.0  # standard deviations of the robot file's tolerance, from which a base parameter off its value is an effect
-)
+BEYOND = 2.0  # tolerances of the robot file, from which a base parameter off its value is an effect
 LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of an effect, that another one may bring which makes up for its formula
