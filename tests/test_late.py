@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from arms import arm as text
 from compiled import Compiled
 
 from hdagen import late
+from hdagen.late import AGES, Path
 from hdagen.plant import Arm
 
 Builder = Callable[..., Compiled]
@@ -87,3 +89,16 @@ def test_positions_alone_are_read_as_with_everything_else(
         np.testing.assert_allclose(values, all_of_it[name], rtol=0, atol=1e-14 * np.abs(values).max())
     truth = x[:, [arm.index(f"joint_position_{j}") for j in (1, 2)]]
     assert (np.abs(seen["joint_position"] - truth) > 0.05).all()
+
+
+def test_threads_that_share_a_path_read_what_one_reads() -> None:
+    """More ages than a path keeps the weights of, from several threads at once."""
+    time = np.arange(400) * 1e-3
+    q, rate = np.sin(20 * time), 20 * np.cos(20 * time)
+    ages = np.tile(np.linspace(1e-4, 5e-3, 3 * AGES), 40)
+    alone = [Path(time).before(q, rate, float(d)) for d in ages[: 3 * AGES]]
+    shared = Path(time)
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda d: shared.before(q, rate, float(d)), ages))
+    for k, found in enumerate(together):
+        assert np.array_equal(found, alone[k % (3 * AGES)])
