@@ -18,6 +18,7 @@ from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import settled
 from hdagen.diagnosis.fitting import _prior
 from hdagen.diagnosis.linear import Gram, Linear
+from hdagen.diagnosis.search import _bare, first_whole
 from hdagen.diagnosis.told import Told
 from hdagen.diagnosis.torsion import _walls, _zeroed
 
@@ -57,6 +58,14 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
     at: Any = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
     np.testing.assert_allclose(_prior(at, (0,)), [SPIKE, width])
+
+
+def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
+    """A fit that lost its columns early may be better than all that kept theirs."""
+    lost, kept, other = (SimpleNamespace(whole=whole, bare=lambda: "bare") for whole in (False, True, True))
+    fits: Any = [lost, kept, other]
+    assert first_whole(fits) is kept  # type: ignore[comparison-overlap]
+    assert _bare(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from hdagen import verdict
 from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.decide import SURE, Decision
 from hdagen.diagnosis.fitting import Fitted
-from hdagen.diagnosis.search import Search
+from hdagen.diagnosis.search import Search, first_whole
 from hdagen.diagnosis.separators import separate_by
 from hdagen.diagnosis.told import Told
 from hdagen.plant import Parameter
@@ -23,7 +23,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
     place = {atom.name: atom.place for fit in found.fitted for atom in fit.design.words.atoms}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown"))
     likely = {name: decision.marginal(name) for name in named}
-    told = Told(best if best.whole else found.fitted[0], found.fitted[0].temperature)
+    told = Told(best if best.whole else first_whole(found.fitted), found.fitted[0].temperature)
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)

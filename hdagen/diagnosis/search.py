@@ -66,17 +66,18 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
     tried beside the next best, too: of two effects the one that seems the larger may be a third one that stands in for
     both."""
     fitted = _race(field, words, FIELD, say)
-    leads = [fitted[0], *[f for f in fitted[1:] if f.whole and f.atoms and _much(fitted[0], fitted)][:1]]
+    lead = first_whole(fitted)
+    leads = [lead, *[f for f in fitted if f is not lead and f.whole and f.atoms and _much(lead, fitted)][:1]]
     while len(leads[0].atoms) < MOST:
-        before = fitted[0]
+        before = leads[0]
         further = [fit for lead in leads for fit in _beside(at, words, lead)]
         leads, fitted = [], _bare(fitted)
         if further:
             fitted = _ordered([*fitted, *_race(further, words, FURTHER, say)])
-        if fitted[0] is before:
+        lead = first_whole(fitted)
+        if lead is before:
             break
-        leads, fitted = [fitted[0]], _bare(fitted)
-    lead = fitted[0]
+        leads, fitted = [lead], _bare(fitted)
     fewer = [atoms for atoms in lead.lesser if len(atoms) in {0, len(lead.atoms) - 1} - {len(lead.atoms)}]
     return _bare(_ordered([*fitted, *together(partial(_fewer, lead, words, say), fewer)]))
 
@@ -184,9 +185,15 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     return _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.temperature)
 
 
+def first_whole(fits: Sequence[Fitted]) -> Fitted:
+    """The best that has its columns still: one that was better may have lost them on the way."""
+    return next(fit for fit in fits if fit.whole)
+
+
 def _bare(fits: Sequence[Fitted]) -> list[Fitted]:
-    """The best whole, of the others only what a decision needs."""
-    return [f.bare() if place else f for place, f in enumerate(fits)]
+    """The best that is whole as it is, of the others only what a decision needs."""
+    best = first_whole(fits)
+    return [fit if fit is best else fit.bare() for fit in fits]
 
 
 def _ordered(fits: Sequence[Fitted]) -> list[Fitted]:

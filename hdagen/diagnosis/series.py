@@ -47,6 +47,6 @@ def with_springs(
         at = design(shooting, words, Point(p, shooting.begun(p)))
         field.append(begun(at, words, atoms, found.fitted[0].score.at.s))
     fits = raced(at, words, field, say)
-    best = max((*found.fitted, *fits), key=lambda fit: fit.score.evidence)
+    best = max((fit for fit in (*found.fitted, *fits) if fit.whole), key=lambda fit: fit.score.evidence)
     whole = [fit if fit is best else fit.bare() for fit in (*found.fitted, *fits)]
     return replace(found, fitted=tuple(sorted(whole, key=lambda fit: -fit.score.evidence)))
