@@ -127,6 +127,7 @@ def emps_without_friction(emps: tuple[Path, Path], diagnose: Diagnose) -> dict[s
     return diagnose("emps", EXAMPLES / "emps" / "without_friction.toml", [log], [pulses])
 
 
+@missed("Coulomb friction is named first, but presliding friction and torque ripple beside it")
 def test_emps_without_friction_lacks_coulomb_friction(emps_without_friction: dict[str, Any]) -> None:
     found = emps_without_friction
     assert found["causes"][0]["effect"] == "coulomb_friction"
