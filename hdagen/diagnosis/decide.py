@@ -67,8 +67,8 @@ def sizes(fit: Fitted) -> dict[str, float]:
 
 
 def least(fit: Fitted) -> dict[str, float]:
-    """From which size on each effect that is free is present: what the robot file is as likely as not to be off by
-    anyway is none."""
+    """From which size on each effect that is free is present: a base parameter within twice its tolerance is as the
+    robot file says."""
     words, spike = fit.design.words, fit.design.words.spike
     own = {words.atoms[k].name: spike[words.free((k,))].max(initial=0.0) for k in fit.atoms}
     return {name: max(PRESENT, BEYOND * float(width)) for name, width in own.items()}
