@@ -118,6 +118,7 @@ def sizes(made: Stage) -> str:
         "FLEXIBLE_JOINTS": _list([j - 1 for j in made.model.flexible] or [0]),
         "IS_FLEXIBLE": _list([int(j in made.model.flexible) for j in made.model.joints]),
         "PLACES": _list([_motor(made, j, "position") for j in made.model.joints]),
+        "MOTORS": _list([made.index.index(_motor(made, j, "position")) for j in made.model.joints]),
         "SPEEDS": _list([_motor(made, j, "velocity") for j in made.model.joints]),
         "LINKS": _list([names.index(f"joint_position_{j}") for j in made.model.joints]),
         "TURNS": _list([names.index(f"joint_velocity_{j}") for j in made.model.joints]),

@@ -117,6 +117,7 @@ typedef struct hda_mpc {
     double anchor[HDA_N];            /* motor positions that the impedance holds */
     double hold[HDA_N];              /* torque that holds the arm, N m at the motor */
     double expected[2];              /* the observed force, as it has been of late */
+    double wound[HDA_N];             /* torsion at the limit of each torque row, negative where the ratio is */
     int32_t flexible[HDA_N];         /* joint, from 0, of each torque row */
     int32_t configured, started, prepared, failures, rung;
 } hda_mpc;
@@ -154,6 +155,7 @@ HDA_API const char *hda_mpc_sentence(int status);
 void hda_mpc_constants(hda_mpc *k);                       /* settings and parameters -> what is computed once */
 void hda_mpc_stage_constants(const double *c, double *shared);
 void hda_mpc_linearise(hda_mpc *k);                       /* trajectory -> dynamics, outputs, cost's curvature, rows */
+void hda_mpc_wind(hda_mpc *k);                            /* torsions at the limits of the joint torques */
 void hda_mpc_bound(hda_mpc *k);                           /* trajectory and limits -> bounds of the rows */
 void hda_mpc_aim(hda_mpc *k, const double *path, const double *force); /* target -> slope of the cost */
 void hda_mpc_yield(hda_mpc *k, const double *force);      /* one period of the admittance */

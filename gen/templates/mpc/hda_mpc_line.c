@@ -14,6 +14,9 @@ enum { NX = HDA_MPC_NX, HALF = NX / 2, NU = HDA_N, N = HDA_MPC_N, W = HDA_BATCH_
 typedef hda_batch V;
 
 static const V zero = {0};
+static const int motors[] = HDA_MPC_MOTORS, simple[] = HDA_MPC_SIMPLE;
+
+#define TURN 1.0 /* rad (m): no spring is wound farther */
 
 /* C = J X for X with NX columns: the positions' rows of J are SPEED times the velocities. */
 static void apply(const V *J, V h, const V *X, V *C) {
@@ -147,7 +150,23 @@ static void curve(hda_mpc *k, int node) {
         for (int i = 0; i < NX; i++) k->qp.G[(node * NG + g) * NX + i] = k->G[(node * NX + i) * NG + g];
 }
 
+/* Where a spring is wound beyond its joint's limit, the motor's angle is taken back to that limit: a spring that stiffens has its pole not far
+ * beyond, and a line about a point near the pole says nothing of the arm. The node's defect holds the difference. */
+static void unwind(hda_mpc *k) {
+    for (int f = 0; f < HDA_MPC_FLEXIBLE; f++) {
+        const int motor = motors[k->flexible[f]], link = simple[k->flexible[f]];
+        const double side = k->wound[f] < 0.0 ? -1.0 : 1.0, most = side * k->wound[f];
+        for (int node = 1; node <= N; node++) {
+            double *x = k->x + node * NX;
+            const double twist = side * x[motor] - x[link];
+            if (twist > most) x[motor] = side * (x[link] + most);
+            if (twist < -most) x[motor] = side * (x[link] - most);
+        }
+    }
+}
+
 void hda_mpc_linearise(hda_mpc *k) {
+    unwind(k);
     for (int first = 0; first < N; first += W) {
         steps(k, first);
         outputs(k, first);
@@ -168,4 +187,21 @@ void hda_mpc_look(const hda_mpc *k, const double *x, double *y, double *Y, doubl
     for (int i = 0; i < NY * NX; i++) Y[i] = slopes[i][0];
     for (int i = 0; i < NG; i++) g[i] = rows[i][0];
     for (int i = 0; i < NG * NX; i++) G[i] = row_slopes[i][0];
+}
+
+void hda_mpc_wind(hda_mpc *k) {
+    double x[NX] = {0}, y[NY], Y[NY * NX], g[NG], G[NG * NX];
+    for (int f = 0; f < HDA_MPC_FLEXIBLE; f++) {
+        const int motor = motors[k->flexible[f]];
+        double least = 0.0, most = TURN, side = 1.0;
+        for (int half = 0; half < 50; half++) {
+            x[motor] = 0.5 * (least + most);
+            hda_mpc_look(k, x, y, Y, g, G);
+            side = g[f] < 0.0 ? -1.0 : 1.0; /* the ratio's sign */
+            if (side * g[f] < k->settings.joint_torque[k->flexible[f]]) least = x[motor];
+            else most = x[motor];
+        }
+        x[motor] = 0.0;
+        k->wound[f] = side * most;
+    }
 }

@@ -102,6 +102,7 @@ void hda_mpc_constants(hda_mpc *k) {
     }
     rows(k);
     penalties(k);
+    hda_mpc_wind(k);
 }
 
 static double within(double value) { return value > HDA_MPC_FREE ? 2.0 * HDA_MPC_FREE : value < -HDA_MPC_FREE ? -2.0 * HDA_MPC_FREE : value; }
