@@ -5,17 +5,19 @@
  * Sources: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13 (2002) 865; Ito, Kunisch, Lagrange Multiplier Approach (2008), for the penalty. */
 #include "hda_mpc_solver.h"
 
+#include <math.h>
 #include <string.h>
 
 enum { N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, ALL = N * ROWS };
 
-#define STIFF 1e4      /* weight of a row of length 1 at its bound */
+#define STIFF 1e5      /* weight of a row of length 1 at its bound */
 #define STIFFER 100.0  /* factor on it where the multipliers come slowly */
-#define FEASIBLE 1e-11
-#define NEAR 1e-9      /* gap of the interior point at which the active set takes over */
+#define FEASIBLE 1e-11 /* of a row of length 1 */
+#define NEAR 1e-8      /* gap of the interior point at which the active set takes over */
 #define NEARER 1e-11   /* the same once more, where the set did not stand */
 #define RESTLESS 15    /* rows that came or went in the last solution: with more, its set is no guess for the next one */
-#define SLIGHT 1e-9 /* of values and multipliers that decide on the set */
+#define SLIGHT 1e-9    /* of multipliers, and of values of a row of length 1, that decide on the set */
+#define NOTHING 1e-12  /* of a multiplier: less says nothing of the set */
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
 
@@ -51,15 +53,20 @@ int hda_mpc_legal(const hda_mpc_qp *qp) {
     return !bad;
 }
 
-/* Weights of rows at their bound, by the length of each row. */
+/* Lengths of the rows, by which their values are rounded and judged, and their weights at their bound. */
 static void stiffen(const hda_mpc_qp *qp, hda_mpc_work *w) {
-    for (int e = 0; e < ALL; e++) w->stiff[e] = STIFF;
+    for (int e = 0; e < ALL; e++) {
+        w->length[e] = 1.0;
+        w->stiff[e] = STIFF;
+    }
     for (int k = 0; k < N; k++)
         for (int g = 0; g < HDA_MPC_NG; g++) {
             const double *row = qp->G + (k * HDA_MPC_NG + g) * HDA_MPC_NX;
-            double length = 1e-6;
-            for (int i = 0; i < HDA_MPC_NX; i++) length += row[i] * row[i];
-            w->stiff[k * ROWS + HDA_MPC_HARD + HDA_MPC_SIMPLES + g] = STIFF / length;
+            const int e = k * ROWS + HDA_MPC_HARD + HDA_MPC_SIMPLES + g;
+            double square = 1e-6;
+            for (int i = 0; i < HDA_MPC_NX; i++) square += row[i] * row[i];
+            w->length[e] = sqrt(square);
+            w->stiff[e] = STIFF / square;
         }
 }
 
@@ -68,7 +75,7 @@ static void guess(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
         const double y = w->now.y[e], most = qp->linear[e];
         const double share = size(y);
-        int code = share > 1e-7 ? (share > most + SLIGHT * (1.0 + most) ? 2 : 1) : 0;
+        int code = share > NOTHING ? (share > most + SLIGHT * (1.0 + most) ? 2 : 1) : 0;
         if (code && (y > 0.0 ? qp->high[e] >= HDA_MPC_FREE : qp->low[e] <= -HDA_MPC_FREE)) code = 0;
         w->set[e] = y < 0.0 ? -code : code;
         if (!code) w->now.y[e] = 0.0;
@@ -93,7 +100,7 @@ static void slopes(const hda_mpc_qp *qp, hda_mpc_work *w) {
     }
 }
 
-/* Multipliers after a solution; the largest distance of a row in the set from its bound. */
+/* Multipliers after a solution; the largest distance of a row in the set from its bound, over its length. */
 static double multiply(const hda_mpc_qp *qp, hda_mpc_work *w) {
     double gap = 0.0;
     for (int e = 0; e < ALL; e++) {
@@ -102,7 +109,7 @@ static double multiply(const hda_mpc_qp *qp, hda_mpc_work *w) {
         const double over = w->now.rows[e] - (code > 0 ? qp->high[e] : qp->low[e]);
         if (code == 1 || code == -1) {
             w->now.y[e] += w->stiff[e] * over;
-            gap = larger(gap, size(over));
+            gap = larger(gap, size(over) / w->length[e]);
         } else {
             w->now.y[e] = (code > 0 ? qp->linear[e] : -qp->linear[e]) + qp->square[e] * over;
         }
@@ -116,15 +123,15 @@ static int correct(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
         const int code = w->set[e], side = code < 0 ? -1 : 1;
         const double r = w->now.rows[e], y = w->now.y[e] * side;
-        const double most = qp->linear[e];
+        const double most = qp->linear[e], slight = SLIGHT * w->length[e];
         int next = code;
         if (code == 0) {
-            if (r > qp->high[e] + SLIGHT) next = 1;
-            else if (r < qp->low[e] - SLIGHT) next = -1;
+            if (r > qp->high[e] + slight) next = 1;
+            else if (r < qp->low[e] - slight) next = -1;
         } else if (code == side) {
             if (y < -SLIGHT) next = 0;
             else if (y > most * (1.0 + SLIGHT) + SLIGHT) next = 2 * side;
-        } else if (side * (r - (side > 0 ? qp->high[e] : qp->low[e])) < -SLIGHT) {
+        } else if (side * (r - (side > 0 ? qp->high[e] : qp->low[e])) < -slight) {
             next = side;
         }
         if (next == code) continue;

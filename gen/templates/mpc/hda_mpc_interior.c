@@ -13,7 +13,9 @@ enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL, BLOCKS = HDA_MPC_BLOCKS };
 
 #define CLOSE 1e-9
 #define GAP 0.3        /* product of every pair to begin with */
-#define WIDE 1e3       /* the same where that start failed: far from every bound */
+#define ASTRAY 10.0    /* residual beyond which the products begin as large as it: smaller ones would let no step do anything about it */
+#define WIDE 1e3       /* the largest of them, and where such a start failed: far from every bound */
+#define TELLING 0.5    /* a step longer than this tells which rows stand at their bound */
 #define JAMMED 0.1     /* a step shorter than this goes nowhere */
 #define JAMS 3         /* of them in a row are the end, where another start is left */
 #define STALLED 1e-9   /* gap below which no progress is an end */
@@ -211,6 +213,7 @@ int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w, int wide) {
 
 int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
     static const double idle[HDA_N];
+    double gap;
     memset(&w->next, 0, sizeof w->next);
     memset(&w->now, 0, sizeof w->now);
     memcpy(w->now.y, y, ALL * sizeof *y);
@@ -218,13 +221,23 @@ int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
     w->unmet = 1.0;
     hda_mpc_roll(qp, &w->f, idle, w->now.x, w->now.rows);
     begin(qp, w, GAP);
+    const double worst = measure(w, &gap);
+    if (worst > ASTRAY) begin(qp, w, worst < WIDE ? worst : WIDE);
     w->jams = JAMS;
     return 0;
 }
 
+/* The multiplier of one side of a row that stands at its bound, else 0, because nothing is left of it in the limit. In the last step the distance of
+ * such a row shrank faster than its multiplier, whatever the units of both (El-Bakry, Tapia, Zhang, SIAM Review 36 (1994) 45). */
+static inline double standing(const hda_mpc_side *z, int e, int telling) {
+    const int b = e / 8, i = e % 8;
+    const double t = z->t[b][i], l = z->l[b][i];
+    return (telling ? l * z->dt[b][i] < t * z->dl[b][i] : l > t) ? l : 0.0;
+}
+
 int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
     hda_mpc_point *next = &w->next;
-    double last = 1e300;
+    double last = 1e300, share = 0.0;
     int near = 0, jams = 0;
     for (; w->rounds < HDA_MPC_INTERIOR && jams < w->jams; w->rounds++) {
         double gap;
@@ -238,16 +251,12 @@ int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
         const double first = stride(w), left = mean(w, first) / larger(gap, 1e-300);
         lean(w, left * left * left * gap, 1.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
-        double share = stride(w);
+        share = stride(w);
         jams = share < JAMMED && worst > CLOSE ? jams + 1 : 0;
         share = share < 1.0 ? BOUNDARY * share : 1.0;
         advance(w, share);
         w->unmet *= 1.0 - share;
     }
-    for (int e = 0; e < ALL; e++) {
-        const double high = w->side[0].l[e / 8][e % 8], low = w->side[1].l[e / 8][e % 8];
-        const double far_high = w->side[0].t[e / 8][e % 8], far_low = w->side[1].t[e / 8][e % 8];
-        w->now.y[e] = (high > far_high ? high : 0.0) - (low > far_low ? low : 0.0); /* of the rest nothing is left in the limit */
-    }
+    for (int e = 0; e < ALL; e++) w->now.y[e] = standing(&w->side[0], e, share > TELLING) - standing(&w->side[1], e, share > TELLING);
     return near;
 }

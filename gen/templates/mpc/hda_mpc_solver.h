@@ -34,7 +34,8 @@ typedef struct hda_mpc_point {
 
 typedef struct hda_mpc_work {
     hda_mpc_factors f;
-    double weight[HDA_MPC_PADDED], slope[HDA_MPC_PADDED], stiff[HDA_MPC_ALL];
+    double weight[HDA_MPC_PADDED], slope[HDA_MPC_PADDED];
+    double length[HDA_MPC_ALL], stiff[HDA_MPC_ALL]; /* of the rows: see stiffen() in hda_mpc_active.c */
     hda_mpc_point now, next, kept;
     hda_mpc_side side[2]; /* of high, of low */
     hda_mpc_wide linear[HDA_MPC_BLOCKS], square[HDA_MPC_BLOCKS], soft[HDA_MPC_BLOCKS];
