@@ -94,10 +94,12 @@ static double measure(hda_mpc_work *w, double *gap) {
         hda_mpc_side *z = &w->side[low];
         const double side = low ? -1.0 : 1.0;
         for (int b = 0; b < BLOCKS; b++) {
-            const W ease = w->soft[b] / (z->v[b] + w->square[b] * z->s[b]);
+            const W stiff = z->v[b] + w->square[b] * z->s[b], both = z->t[b] * stiff + z->l[b] * z->s[b] * w->soft[b];
+            const W inverse = 1.0 / (stiff * both); /* one division for ease, soft / stiff, and give, stiff / both */
+            const W ease = w->soft[b] * both * inverse;
             const W over = z->there[b] * (z->t[b] - z->bound[b] + side * *(hda_mpc_wide *)(w->now.rows + 8 * b) - z->s[b]);
             const W open = z->there[b] * w->soft[b] * (z->v[b] - w->linear[b] - w->square[b] * z->s[b] + z->l[b]);
-            const W give = 1.0 / (z->t[b] + z->l[b] * z->s[b] * ease);
+            const W give = stiff * stiff * inverse;
             const W a = LARGER(over, -over), c = LARGER(open, -open), d = LARGER(a, c);
             z->over[b] = over;
             z->open[b] = open;
@@ -136,9 +138,10 @@ static void lean(hda_mpc_work *w, double target, double second) {
     }
 }
 
-/* The Newton step that belongs to the new values of the rows; the longest share of it that keeps everything positive. */
+/* The Newton step that belongs to the new values of the rows; the longest share of it that keeps everything positive. `once`, `twice`: what the sum of
+ * the products gains with a share of the step, and with its square. */
 static double stride(hda_mpc_work *w) {
-    W most = 1e-300 - zero; /* of -change / value */
+    W most = 1e-300 - zero, once = zero, twice = zero; /* most: of -change / value */
     for (int low = 0; low < 2; low++) {
         hda_mpc_side *z = &w->side[low];
         const double side = low ? -1.0 : 1.0;
@@ -156,25 +159,17 @@ static double stride(hda_mpc_work *w) {
             z->dt[b] = dt;
             z->dv[b] = dv;
             most = LARGER(most, both);
+            once += z->t[b] * dl + z->l[b] * dt + (z->s[b] * dv + z->v[b] * ds);
+            twice += dt * dl + ds * dv;
         }
+    }
+    w->once = w->twice = 0.0;
+    for (int lane = 0; lane < 8; lane++) {
+        w->once += once[lane];
+        w->twice += twice[lane];
     }
     const double longest = most_of(&most);
     return longest > 1.0 ? 1.0 / longest : 1.0;
-}
-
-/* Mean of the products after a share of the step. */
-static double mean(const hda_mpc_work *w, double share) {
-    W sum = zero;
-    double all = 0.0;
-    for (int low = 0; low < 2; low++) {
-        const hda_mpc_side *z = &w->side[low];
-        for (int b = 0; b < BLOCKS; b++) {
-            const W pair = (z->t[b] + share * z->dt[b]) * (z->l[b] + share * z->dl[b]), soft = (z->s[b] + share * z->ds[b]) * (z->v[b] + share * z->dv[b]);
-            sum += z->there[b] * (pair + w->soft[b] * soft);
-        }
-    }
-    for (int lane = 0; lane < 8; lane++) all += sum[lane];
-    return all / w->pairs;
 }
 
 static void advance(hda_mpc_work *w, double share) {
@@ -248,7 +243,7 @@ int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
         if (near || !(worst < 1e100) || !(gap < 1e100) || hda_mpc_factor(qp, w->weight, &w->f)) break;
         lean(w, 0.0, 0.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
-        const double first = stride(w), left = mean(w, first) / larger(gap, 1e-300);
+        const double first = stride(w), left = larger(gap + first * (w->once + first * w->twice) / w->pairs, 0.0) / larger(gap, 1e-300);
         lean(w, left * left * left * gap, 1.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
         share = stride(w);

@@ -40,6 +40,7 @@ typedef struct hda_mpc_work {
     hda_mpc_side side[2]; /* of high, of low */
     hda_mpc_wide linear[HDA_MPC_BLOCKS], square[HDA_MPC_BLOCKS], soft[HDA_MPC_BLOCKS];
     double pairs, unmet;
+    double once, twice;   /* see stride() in hda_mpc_interior.c */
     int rounds, ready;    /* iterations of the interior point; what f belongs to, see expect() in hda_mpc_active.c */
     int jams;             /* short steps in a row that the interior point bears */
     int changed;          /* rows that came or went in the last solution */
