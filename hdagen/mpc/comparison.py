@@ -12,6 +12,8 @@ import numpy as np
 from hdagen.control import Controller
 from hdagen.mpc.configuration import Configuration, Wall, checked
 from hdagen.mpc.controller import MPC
+from hdagen.mpc.jolt import Jolt, jolt
+from hdagen.mpc.jolt import line as jolted
 from hdagen.mpc.trials import Outcome, gains_of, outcome, trial
 from hdagen.mpc.tuned import METHOD, Tuned, tune
 from hdagen.plant import Arm, load
@@ -24,7 +26,8 @@ LAWS = ("impedance_cartesian", "admittance_cartesian")
 FREE = (Push(3.0, 4.0, (15.0, 0.0)), Push(6.0, 7.0, (0.0, 15.0)))  # the paper's Fig. 11
 HARD = (Push(1.0, 2.0, (25.0, 0.0)), Push(3.0, 4.0, (0.0, 25.0)), Push(5.0, 6.5, (30.0, 15.0)))
 WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))  # a surface that bears 20 N, and a fixture
-SUDDEN = 0.035  # m/s: 30 N for 4 ms on 3.4 kg
+SUDDEN = 0.035  # m/s: the median of what `jolt` finds for SUDDEN_FORCE on the circle
+SUDDEN_FORCE = 30.0  # N
 ALLOWED = {"joint_position": 0.005, "wall": 1e-3}  # rad, m; of speeds and torques SHARE
 SHARE = 0.02
 DELAYS, SPREAD, SIZES = (1, 3), 0.1, (5.0, 30.0)  # ticks; of parameters; N
@@ -57,6 +60,7 @@ class Comparison:
     free: Mapping[str, tuple[float, ...]]
     tuned: Tuned
     configuration: Configuration
+    jolt: Jolt
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,8 @@ def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None
             say(f"{course}: {name}")
             found = trial(arm, controller, way, shoves, Sensors(), walls, seed=1)
             rows.append(Row(course, name, outcome(arm, limits, way, found, controller)))
-    return Comparison(tuple(rows), _free(arm, c, {**controllers, "mpc": predictive}, say), tuned, c)
+    free = _free(arm, c, {**controllers, "mpc": predictive}, say)
+    return Comparison(tuple(rows), free, tuned, c, jolt(arm, path.position[::250], SUDDEN_FORCE))
 
 
 def _free(
@@ -165,6 +170,7 @@ def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
     out.append(f"no limit near, median over {SEEDS} seeds of the noise: {medians}")
     gains = ", ".join(f"{name} {value:.1f}" for name, value in found.tuned.gains.items())
     out.append(f"admittance law: inner loop tuned by {METHOD}: {gains} after {found.tuned.evaluations} runs")
+    out.append(f"{jolted(found.jolt)}; limits.sudden keeps {found.configuration['limits.sudden']:g} free")
     if not runs:
         return out
     legal, held = sum(one.legal for one in runs), sum(one.kept for one in runs)

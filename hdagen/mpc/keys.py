@@ -151,7 +151,7 @@ KEYS = (
         "m/s",
         0,
         10,
-        "tip speed kept free for forces that come suddenly: about force × 5 ms / mass at the tip",
+        "tip speed kept free for forces that come suddenly; `hdagen mpc table` says how much 30 N needs",
     ),
     Key(
         "limits",
