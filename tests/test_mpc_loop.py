@@ -11,6 +11,7 @@ from mpc_arms import WALLS, built
 from hdagen.mpc.comparison import kept as held
 from hdagen.mpc.comparison import random_runs, vary
 from hdagen.mpc.controller import MPC
+from hdagen.mpc.jolt import jolt
 from hdagen.mpc.sensing import consistent
 from hdagen.mpc.trials import Outcome, Trial, outcome, trial
 from hdagen.plant import Arm, load
@@ -38,6 +39,24 @@ def test_limits_hold_where_the_ideal_motion_would_break_them(hard: tuple[Arm, Tr
     assert result.largest > 0.02  # the ideal motion would have gone through the wall
     assert max(r.active["wall"] for r in found.reports) > 3
     assert max(r.active["tip_speed"] for r in found.reports) > 3
+
+
+def test_no_plan_runs_into_a_springs_pole(hard: tuple[Arm, Trial, Outcome]) -> None:
+    """A flexspline stiffens towards a pole not far beyond the limit of its torque; a plan that was linearised there
+    swings from tick to tick, by thousands of N m and hundreds of rad/s."""
+    reports = hard[1].reports
+    assert max(r.foreseen["motor_speed"] for r in reports) < 1.0
+    assert max(r.foreseen["joint_torque"] for r in reports) < 200.0
+    assert max(r.foreseen["tip_speed"] for r in reports) < 0.03
+    assert all(r.solved == 0 for r in reports)
+
+
+def test_a_force_that_comes_at_once_moves_the_tip_before_any_torque_answers() -> None:
+    arm, _ = built()
+    found = jolt(arm, np.array([[0.2, 0.05], [0.2, -0.05]]), 30.0)
+    assert 0.001 < found.when < 0.01
+    assert 0.02 < found.median < found.largest < 0.1
+    assert abs(jolt(arm, np.array([[0.2, 0.05], [0.2, -0.05]]), 3.0).largest / found.largest - 0.1) < 0.02
 
 
 def test_where_no_limit_is_near_the_tip_moves_as_the_ideal_admittance() -> None:

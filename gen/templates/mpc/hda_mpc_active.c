@@ -14,7 +14,8 @@ enum { N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, ALL = N * ROWS };
 #define STIFFER 100.0  /* factor on it where the multipliers come slowly */
 #define FEASIBLE 1e-11 /* of a row of length 1 */
 #define NEAR 1e-8      /* gap of the interior point at which the active set takes over */
-#define NEARER 1e-11   /* the same once more, where the set did not stand */
+#define NEARER 1e-10   /* the same once more, where the set did not stand */
+#define NEAREST 1e-13  /* and for the last time */
 #define RESTLESS 15    /* rows that came or went in the last solution: with more, its set is no guess for the next one */
 #define SLIGHT 1e-9    /* of multipliers, and of values of a row of length 1, that decide on the set */
 #define NOTHING 1e-12  /* of a multiplier: less says nothing of the set */
@@ -212,9 +213,9 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
 
 /* The interior point comes near; then the active set takes over, exact where its set stands; where it does not, from nearer still. */
 static int inside(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored) {
-    static const double gaps[] = {NEAR, NEARER};
+    static const double gaps[] = {NEAR, NEARER, NEAREST};
     int near = 1;
-    for (int again = 0; again < 2 && near; again++) {
+    for (int again = 0; again < 3 && near; again++) {
         near = hda_mpc_approach(qp, w, gaps[again]);
         w->kept = w->now;
         guess(qp, w);
