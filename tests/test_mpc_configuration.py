@@ -74,6 +74,7 @@ def test_a_file_is_read_and_changes_what_it_says(tmp_path: Path) -> None:
         ),
         ("[limits]\njoint_low = [0.0, 1.0]\njoint_high = 0.5", "joint_low lies above limits.joint_high at joint 2"),
         ("[admittance]\nmass = 0.0", "admittance.mass: found 0.0"),
+        ("[mpc]\nnodes = 4000", "a whole number from 2 to 400\\.$"),
         ("[admittance]\nmass = []", "admittance.mass"),
         ("wall = 3", "write \\[\\[wall\\]\\]"),
         ("mpc = 3", "write \\[mpc\\]"),

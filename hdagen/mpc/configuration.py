@@ -119,7 +119,7 @@ def _table(where: str, table: str, entries: Any, values: dict[str, Any], problem
 def _value(key: Key, value: Any) -> tuple[Any, str]:
     """The value as it is used, and why it cannot be."""
     begin, end = ("more than", "and at most") if key.open else ("from", "to")
-    span = f"{begin} {key.low:g} {end} {key.high:g} {key.unit}"
+    span = f"{begin} {key.low:g} {end} {key.high:g}" + ("" if key.unit == "1" else f" {key.unit}")
     if key.kind == "text":
         return value, "" if value in key.choices else " or ".join(f'"{choice}"' for choice in key.choices)
     if key.kind == "whole":
