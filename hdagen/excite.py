@@ -21,6 +21,7 @@ from hdagen.diagnosis.candidates import SILENT, Column, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.evidence import posteriors, score
 from hdagen.diagnosis.linear import Linear
+from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
@@ -186,7 +187,7 @@ def modelled(arm: Arm, log: Log, effects: Sequence[str], states: Array | None = 
     """The linear model of ``log`` about the nominal arm. ``effects`` have columns of their typical size and are free or
     absent, not within a tolerance, which would bound what can be told; windows begin at ``states`` (T, nx), by default
     as measured."""
-    seen = record(arm, log, max(WINDOW, FEWEST * log.period))
+    seen = record(arm, Portion.whole(log), max(WINDOW, FEWEST * log.period))
     shooting = Shooting(arm, seen)
     words = dictionary(arm, Suggested(suggested(arm, seen).shapes, {}, {}))
     chosen = {k for k, atom in enumerate(words.atoms) if atom.name in effects}

@@ -8,6 +8,7 @@ from replayed import simulated
 
 from hdagen.diagnosis.achievable import Map, corrected
 from hdagen.diagnosis.gap import gap
+from hdagen.diagnosis.portion import Portion
 from hdagen.plant import load
 from hdagen.replay import replay
 
@@ -46,7 +47,7 @@ def test_a_gap_of_torque_is_closed_in_part(parameter: str, factor: float) -> Non
     arm.parameters[parameter] = factor * arm.parameters.described[parameter].nominal
     log, held = simulated(arm, 8.0, seed=1), simulated(arm, 3.0, seed=2)
     before = replay(plain, held)
-    found = gap(before, before, held, 0, corrected(plain, log, held, before))
+    found = gap(before, before, Portion.whole(held), corrected(plain, Portion.whole(log), Portion.whole(held), before))
     assert 1.0 < found["achievable"] < 0.8 * found["before"]
 
 
@@ -54,5 +55,5 @@ def test_a_correction_that_makes_it_worse_is_none() -> None:
     plain = load("paper")
     log, held = simulated(plain, 2.0, seed=1), simulated(plain, 2.0, seed=2)
     before = replay(plain, held)
-    found = gap(before, before, held, 0, corrected(plain, log, held, before))
+    found = gap(before, before, Portion.whole(held), corrected(plain, Portion.whole(log), Portion.whole(held), before))
     assert found["achievable"] <= found["before"] == pytest.approx(1.0, abs=0.1)

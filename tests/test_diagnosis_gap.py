@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hdagen.diagnosis.gap import gap
+from hdagen.diagnosis.portion import Portion
 from hdagen.log import Log
 from hdagen.plant import Array
 from hdagen.replay import Replay
@@ -37,13 +38,15 @@ def errors(rng: np.random.Generator, rows: int, size: float) -> dict[str, Array]
     return {name: size * noise * swell * rng.normal(size=rows) for name, noise in NOISE.items()}
 
 
-def test_errors_that_are_known_give_their_multiples_from_the_first_row_on() -> None:
+def test_errors_that_are_known_give_their_multiples_where_they_are_held_out() -> None:
     rows = 4000
     before = {name: np.full(rows, 8.0 * noise) for name, noise in NOISE.items()}
     after = {"motor_position_1": np.full(rows, 4e-3), "joint_position_1": np.full(rows, 1e-5)}
     for error in (*before.values(), *after.values()):
-        error[:1000] = 1e3  # before the held-out part: must not count
-    found = gap(replay(log(rows), before), replay(log(rows), after), log(rows), 1000)
+        error[:1000] = error[2600:3100] = 1e3  # not held out: must not count
+    held = np.ones(rows, bool)
+    held[:1000] = held[2600:3100] = False
+    found = gap(replay(log(rows), before), replay(log(rows), after), Portion(log(rows), held))
     assert found["before"] == pytest.approx(8.0) and found["after"] == pytest.approx(2.0)
     assert found["shrink"] == pytest.approx(6 / 7)
     one = found["by_channel"]["motor_position_1"]
@@ -57,7 +60,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
     scale = np.sqrt(np.mean(rng.uniform(0.5, 1.5, 100000) ** 2))
     for _ in range(60):
         before, after = (replay(log(rows), errors(rng, rows, size / scale)) for size in (10.0, 3.0))
-        low, high = gap(before, after, log(rows), 0)["interval"]
+        low, high = gap(before, after, Portion.whole(log(rows)))["interval"]
         assert low < high
         held += low <= truth <= high
     assert held >= 48  # of 57 expected; eight blocks make it a little short
@@ -65,5 +68,5 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
 
 def test_no_gap_has_no_share_and_one_block_no_interval() -> None:
     same = errors(np.random.default_rng(1), 900, 0.8)
-    found = gap(replay(log(900), same), replay(log(900), same), log(900), 0)
+    found = gap(replay(log(900), same), replay(log(900), same), Portion.whole(log(900)))
     assert found["shrink"] is None and found["interval"] is None

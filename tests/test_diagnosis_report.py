@@ -19,9 +19,11 @@ from replayed import FLEXIBLE, RIGID, simulated
 
 from gen.effects import ALL
 from hdagen.diagnosis import report, separators
+from hdagen.diagnosis.diagnose import BLOCKS
 from hdagen.diagnosis.maps import spectrum
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.pictures import means, pictures
+from hdagen.diagnosis.portion import Portion, blocks
 from hdagen.diagnosis.regimes import Regressor, concentrated, explained
 from hdagen.diagnosis.whereabouts import trace, where
 from hdagen.diagnosis.whiteness import LAGS, whiteness
@@ -88,7 +90,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
             "log": "log.csv",
             "rate": 1e3,
             "duration": 1.0,
-            "held_out": "the last 20 % of the log",
+            "held_out": BLOCKS,
             "notes": ["a note <b>"],
             "warnings": ["a warning"],
             "repaired": ["a repair"],
@@ -126,7 +128,7 @@ def seen(
     said["gap"] = {"before": before.gap, "after": after.gap, "floor": 1.0, "achievable": 1.1, "shrink": 0.95}
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
     sight = look(arm, said, log, before, after)
-    said["where"] = where(sight, said, 0)
+    said["where"] = where(sight, said, np.ones(len(sight.log), bool))
     return sight, said, log, before, after
 
 
@@ -175,7 +177,7 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
         _, said, log, before, _ = seen(arm, {entry: values})
         said |= {"verdict": ["unknown@2"], "parameters": {}}
         sight = look(arm, said, log, before, before)
-        (found,) = where(sight, said, 0)
+        (found,) = where(sight, said, np.ones(len(sight.log), bool))
         assert (found["joint"], found["place"]) == (2, place)
         assert 0.3 < found["share"] <= 1.0
         assert pictures(sight, "unknown@2", place)
@@ -319,7 +321,8 @@ def test_every_effect_of_a_group_exists() -> None:
 
 def write(all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, path: Path) -> str:
     sight, said, log, before, after = all_
-    held = SimpleNamespace(robot=str(arm.folder), content=said, before=before, after=after, held_out=log, first=0)
+    held_out = Portion(log, blocks(log.time))
+    held = SimpleNamespace(robot=str(arm.folder), content=said, before=before, after=after, held_out=held_out)
     held.sight = sight
     report.write(held, path)  # type: ignore[arg-type]
     return path.read_text(encoding="utf-8")

@@ -15,6 +15,7 @@ from damage import LESSENED, MENDED, REFUSED, changed, cut, dropped, holes, kept
 from real_examples import EXAMPLES, recorded, run
 from replayed import FLEXIBLE, JOINT, NOISE, SENSORS, simulated
 
+from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.log import Log, LogError, read, write
 from hdagen.plant import Arm
@@ -228,7 +229,7 @@ def test_no_window_of_a_fit_reaches_over_a_long_gap(good: Log, arm: Arm) -> None
     rows[1010:1050] = False  # begins and ends within windows
     rows[2003:2005] = False
     log = kept(good, rows)
-    seen = record(arm, log, 0.05)
+    seen = record(arm, Portion.whole(log), 0.05)
     spans = [np.diff(log.time[a:b]).max() for a, b in zip(seen.starts, seen.ends, strict=True)]
     assert max(spans) < 0.0035 and len(spans) > 50
     assert 1010 in seen.starts  # the first row after the gap

@@ -10,6 +10,7 @@ from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen import late
+from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.log import Log
@@ -30,7 +31,7 @@ def shooting(build: Builder, profile: str, torques: bool = False, gaps: bool = F
         columns |= {f"joint_torque_{j}": rng.normal(size=len(log)) for j in (1, 2)}
     kept = np.setdiff1d(np.arange(len(log)), [*range(300, 320), *range(330, 350)] if gaps else [])
     there = {name: np.ascontiguousarray(values[kept]) for name, values in columns.items()}
-    return Shooting(arm, record(arm, Log(log.time[kept], there, log.n_joints, log.source), 0.05))
+    return Shooting(arm, record(arm, Portion.whole(Log(log.time[kept], there, log.n_joints, log.source)), 0.05))
 
 
 def lanes(sh: Shooting) -> list[Lane]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.diagnosis.missing import Sight
+from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import torque_per_input
@@ -70,21 +71,27 @@ def _left(X: Array, y: Array, weights: Array) -> float:
     return float(np.sum((y - X @ weights) ** 2))
 
 
-def corrected(arm: Arm, fitted_on: Log, held_out: Log, before: Replay) -> Replay:
-    """The replay ``before`` of ``held_out`` on the robot file's ``arm`` with the corrections that ``fitted_on`` has."""
-    seen, held = _sight(arm, fitted_on, replay(arm, fitted_on)), _sight(arm, held_out, before)
+def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Replay:
+    """The replay ``before`` of what is held out on the robot file's ``arm`` with the corrections that what is shown
+    has."""
+    held = _sight(arm, held_out.log, before)
+    seen = held if shown.log is held_out.log else _sight(arm, shown.log, replay(arm, shown.log))
+    kept = seen.kept & shown.at(seen.time)
     raw = _raw(seen)
     basis = _basis(raw)
-    shown, asked = basis.features(seen, raw), basis.features(held, _raw(held))
+    features, asked = basis.features(seen, raw), basis.features(held, _raw(held))
     missing = seen.missing(seen.before)
     whole = missing.motor if missing.link is None else missing.motor + missing.link / seen.ratio
-    maps = [Map.of(shown[j][seen.kept], whole[seen.kept, j]) for j in range(arm.n)]
-    currents = [_current(fitted_on, seen.replays[0], j) for j in range(1, arm.n + 1)]
-    fitted = _replayed(seen, currents, [on(x) for on, x in zip(maps, shown, strict=True)])
+    maps = [Map.of(features[j][kept], whole[kept, j]) for j in range(arm.n)]
+    currents = [_current(shown, seen.replays[0], j) for j in range(1, arm.n + 1)]
+    fitted = _replayed(seen, currents, [on(x) for on, x in zip(maps, features, strict=True)])
     found = _replayed(held, currents, [on(x) for on, x in zip(maps, asked, strict=True)])
     columns = dict(found.columns)
     for j in range(1, arm.n + 1):
-        columns |= _encoder(j, seen, held, shown[j - 1], asked[j - 1], fitted, found)
+        read = _encoder_map(j, seen, kept, features[j - 1], fitted)
+        if read is not None:
+            more = np.interp(held.log.time, held.time, read(asked[j - 1]))
+            columns[f"joint_position_{j}"] = found.columns[f"joint_position_{j}"] + more
     return replace(found, columns=columns, noise=before.noise)
 
 
@@ -178,12 +185,13 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
     return replace(found, columns={**found.columns, **inputs})
 
 
-def _current(log: Log, plain: Replay, j: int) -> Map | None:
+def _current(shown: Portion, plain: Replay, j: int) -> Map | None:
     """What flows at joint j beside the current of the model's replay; None where it is not measured."""
+    log, rows = shown.log, shown.rows
     name, command = f"motor_current_{j}", f"motor_current_command_{j}"
     if name not in log or command not in log or name not in plain.columns:
         return None
-    return Map.of(_lagged(log[command]), log[name] - plain.columns[name])
+    return Map.of(_lagged(log[command])[rows], (log[name] - plain.columns[name])[rows])
 
 
 def _lagged(command: Array) -> Array:
@@ -192,13 +200,11 @@ def _lagged(command: Array) -> Array:
     return np.column_stack([*last, np.abs(command), command * np.abs(command), command**3])
 
 
-def _encoder(
-    j: int, seen: Sight, held: Sight, shown: Array, asked: Array, fitted: Replay, found: Replay
-) -> dict[str, Array]:
-    """The joint's encoder of joint j with what it reads beside the motor's."""
+def _encoder_map(j: int, seen: Sight, kept: Mask, features: Array, fitted: Replay) -> Map | None:
+    """What the joint's encoder of joint j reads beside the motor's; None where one of them is not there."""
     joint, motor = f"joint_position_{j}", f"motor_position_{j}"
     if joint not in seen.log or motor not in seen.log:
-        return {}
+        return None
     error = {name: seen.log[name] - fitted.columns[name] for name in (joint, motor)}
-    more = Map.of(shown[seen.kept], seen.on_grid(error[joint] - error[motor] / seen.ratio[j - 1])[seen.kept])
-    return {joint: found.columns[joint] + np.interp(held.log.time, held.time, more(asked))}
+    beside = seen.on_grid(error[joint] - error[motor] / seen.ratio[j - 1])
+    return Map.of(features[kept], beside[kept])

@@ -144,11 +144,12 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
 
 
 def renewed(at: Design, words: Dictionary, point: Point) -> Design:
-    """The design of a hypothesis about its own point: first states, base parameters, what is free and its shapes are
-    made anew, the rest is kept."""
+    """The design of a hypothesis about its own point: first states, base parameters, what is or was free and its shapes
+    are made anew, the rest is kept."""
     shooting, m, k = at.shooting, at.shooting.m, at.k
     kept = {(c.parameter, c.atom): i for i, c in enumerate(at.words.columns)}
-    free = {c.atom for c in words.columns if c.atom >= 0 and words.atoms[c.atom].name in words.meant}
+    meant = words.meant | at.words.meant
+    free = {c.atom for c in words.columns if c.atom >= 0 and words.atoms[c.atom].name in meant}
     lanes, places = _first(shooting, point), list(range(m))
     for i, c in enumerate(words.columns):
         if (c.parameter, c.atom) not in kept or c.atom in free or c.base:

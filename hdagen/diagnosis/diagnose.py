@@ -14,12 +14,12 @@ from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.missing import Sight, look
+from hdagen.diagnosis.portion import SHARE, Portion, parted
 from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.whereabouts import where
-from hdagen.joined import joined
 from hdagen.log import Log
 from hdagen.plant import load
 from hdagen.repair import prepared
@@ -27,7 +27,7 @@ from hdagen.replay import Replay, check, replay
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
-HELD_OUT = 0.2  # share of a log that is kept from the fit where there is no hold-out log
+BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 
 
@@ -41,14 +41,13 @@ class Diagnosis:
     content: dict[str, Any]
     before: Replay
     after: Replay
-    held_out: Log
-    first: int  # row of ``held_out`` from which on the fit saw nothing
+    held_out: Portion
     sight: Sight  # ``held_out`` through the models of both replays
 
 
 def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], say: Callable[[str], None]) -> Diagnosis:
-    """Diagnose logs of one machine together; the gap is measured on the logs ``hold_out``, else on the last fifth of
-    each log, which the fit does not see. Raises LogError where a log cannot carry a diagnosis, PlantError where the
+    """Diagnose logs of one machine together; the gap is measured on the logs ``hold_out``, else on blocks that the
+    fit does not see, a fifth of each log. Raises LogError where a log cannot carry a diagnosis, PlantError where the
     model cannot be had."""
     from threadpoolctl import threadpool_limits  # changes the environment when it is imported
 
@@ -62,31 +61,31 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     for log in (*logs, *hold_out):
         check(plain, log)
     logs, hold_out, of_data = prepared(plain, logs, hold_out)
-    fitted_on, held_out, cut = _parted(logs, hold_out)
+    shown, held_out = parted(logs, hold_out)
     arm = load(robot, "native", ("all",))
-    window = max(WINDOW, FEWEST * fitted_on.period)
-    seen = record(arm, fitted_on, window)
+    window = max(WINDOW, FEWEST * shown.log.period)
+    seen = record(arm, shown, window)
     found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
     decision = decide(found)
     content = findings(found, decision)
     said = verdict.read(content)
     say("replay of held-out motion")
-    before = _counted(replay(plain, held_out), seen)
-    flexible = corrected(plain, fitted_on, held_out, before)
+    before = _counted(replay(plain, held_out.log), seen)
+    flexible = corrected(plain, shown, held_out, before)
     changed = verdict.with_effects(robot, "portable", said)
-    after = _counted(replay(changed, held_out, with_=said), seen)
-    content["gap"] = gap(before, after, held_out, cut, flexible)
+    after = _counted(replay(changed, held_out.log, with_=said), seen)
+    content["gap"] = gap(before, after, held_out, flexible)
     if content["gap"]["before"] < NOISE or content["gap"]["after"] >= content["gap"]["before"]:
         # what does not stand up to other motion is withdrawn; that something unknown is at work says of no motion
         kept = content["verdict"] if said.unknown and content["gap"]["before"] >= NOISE else []
         content |= {"verdict": kept, "sure": False, "where": [], "parameters": {}}
-        changed, after, content["gap"] = plain, before, gap(before, before, held_out, cut, flexible)
+        changed, after, content["gap"] = plain, before, gap(before, before, held_out, flexible)
     say("where and when")
-    sight = look(changed, content, held_out, before, after)
-    content["where"] = where(sight, content, cut)
+    sight = look(changed, content, held_out.log, before, after)
+    content["where"] = where(sight, content, held_out.rows)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out) | of_data
-    return Diagnosis(str(robot), found, decision, content, before, after, held_out, cut, sight)
+    return Diagnosis(str(robot), found, decision, content, before, after, held_out, sight)
 
 
 def _counted(found: Replay, seen: Record) -> Replay:
@@ -95,23 +94,12 @@ def _counted(found: Replay, seen: Record) -> Replay:
     return replace(found, noise={name: max(noise, fitted.get(name, 0.0)) for name, noise in found.noise.items()})
 
 
-def _parted(logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[Log, Log, int]:
-    """What is fitted, what is held out, and the row of the latter from which on the fit saw nothing."""
-    if hold_out:
-        return joined(logs), joined(hold_out), 0
-    cuts = [round((1 - HELD_OUT) * len(log)) for log in logs]
-    fitted_on = joined([log.rows(0, cut) for log, cut in zip(logs, cuts, strict=True)])
-    if len(logs) == 1:  # from its first row, so that what an effect remembers is right at the cut
-        return fitted_on, logs[0], cuts[0]
-    return fitted_on, joined([log.rows(cut, len(log)) for log, cut in zip(logs, cuts, strict=True)]), 0
-
-
 def _data(logs: Sequence[Log], hold_out: Sequence[Log]) -> dict[str, Any]:
     return {
         "log": ", ".join(log.source for log in logs),
         "rate": 1 / logs[0].period,
         "duration": sum(float(log.time[-1] - log.time[0]) for log in logs),
-        "held_out": ", ".join(log.source for log in hold_out) or f"the last {100 * HELD_OUT:g} % of each log",
+        "held_out": ", ".join(log.source for log in hold_out) or BLOCKS,
         "notes": list(dict.fromkeys(note for log in logs for note in log.notes)),
     }
 

@@ -128,7 +128,7 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
             most = TOLERATED * c.spike * abs(c.unit)
             p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
     point = Point(p, fit.design.point.begun)
-    there = design(fit.design.shooting, words.about(arm, atoms, p), point)
+    there = renewed(fit.design, words.about(arm, atoms, p), point)
     return _scored(there, atoms, fit.score.at.s, fit.clean)
 
 
@@ -151,6 +151,7 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None
         nothing, noise = linear.reduced(0.0), np.ones(len(linear.rows))
         exact = posterior(nothing, prior, 0.0, noise, bounds)
         clean = exact.evidence + 0.5 * (nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum())
+    linear.gram.forget()
     return Fitted(atoms, at, Scored(atoms, best.evidence, best), _by_joint(at, torque), clean)
 
 

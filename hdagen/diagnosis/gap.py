@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.log import Log
+from hdagen.diagnosis.portion import Portion
 from hdagen.plant import Array
 from hdagen.readings import Rows
 from hdagen.replay import Replay
@@ -17,8 +17,8 @@ BLOCK = 4  # windows of a block: what is one second of motion, so that neighbour
 LEVEL = 0.95
 
 
-def gap(before: Replay, after: Replay, log: Log, first: int, flexible: Replay | None = None) -> dict[str, Any]:
-    """`gap` of diagnosis.json from row ``first`` of the held-out ``log`` on.
+def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = None) -> dict[str, Any]:
+    """`gap` of diagnosis.json in what is ``held`` out.
 
     Root mean squares of the replay errors in multiples of each channel's noise, joined as the geometric mean over
     channels; a channel that drives the model errs by nothing and says nothing. The interval of the share that is
@@ -26,12 +26,10 @@ def gap(before: Replay, after: Replay, log: Log, first: int, flexible: Replay | 
     the same draws at each call. ``achievable`` is what the replay ``flexible`` reaches.
     """
     names = [name for name in before.errors if before.noise.get(name) and before.errors[name] > 0]
-    edges = np.append(before.starts[before.starts >= first], len(log))
-    if edges[0] > first:
-        edges = np.insert(edges, 0, first)
+    counts = np.add.reduceat(held.rows.astype(int), before.starts)
     seen = (before, after) if flexible is None else (before, after, flexible)
-    squares = np.stack([_squares(one, log, names, edges) for one in seen])  # (2 or 3, windows, channels)
-    rows = np.diff(edges)
+    squares = np.stack([_squares(one, held, names, before.starts) for one in seen])  # (2 or 3, windows, channels)
+    squares, rows = squares[:, counts > 0], counts[counts > 0]
     each = np.sqrt(squares.sum(1) / rows.sum())
     joined = _joined(each)
     return {
@@ -48,10 +46,10 @@ def gap(before: Replay, after: Replay, log: Log, first: int, flexible: Replay | 
     }
 
 
-def _squares(seen: Replay, log: Log, names: list[str], edges: Rows) -> Array:
+def _squares(seen: Replay, held: Portion, names: list[str], starts: Rows) -> Array:
     """Sum of the squared errors of each window and channel, in the channel's noise (windows, channels)."""
-    errors = np.stack([(seen.columns[name] - log[name]) / seen.noise[name] for name in names], 1)
-    return np.asarray(np.add.reduceat(errors**2, edges[:-1], axis=0))
+    errors = np.stack([(seen.columns[name] - held.log[name]) / seen.noise[name] for name in names], 1)
+    return np.asarray(np.add.reduceat(errors**2 * held.rows[:, None], starts, axis=0))
 
 
 def _joined(each: Array) -> Array:

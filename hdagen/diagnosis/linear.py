@@ -90,6 +90,11 @@ class Gram:
         """First states eliminated, torques turned."""
         return Spectrum.of(self.products, self.m, self.k)
 
+    def forget(self) -> None:
+        """Let go of what can be had again from the products: it is several times as large."""
+        self.kept.clear()
+        self.__dict__.pop("spectrum", None)
+
     def left(self, s: float) -> Array:
         """J'CJ (W, P, P) with torques of standard deviation ``s``; the last two are kept."""
         found = self.kept.get(s)

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from hdagen.channels import describe
+from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, Rows, complete, mechanical, torque_per_input
@@ -31,10 +32,12 @@ SHORTEST = 0.5  # share of the window that a shorter last one must have
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """``command`` (T, nu): row k is held to row k + 1. ``measured`` (T, M) with ``noise`` (M) standard deviations;
-    windows are the rows from ``starts`` (W) to ``ends`` (W); ``begun`` (W, nx) their first states as measured."""
+    """``shown`` (T): rows that the fit may look at. ``command`` (T, nu): row k is held to row k + 1. ``measured``
+    (T, M) with ``noise`` (M) standard deviations; windows are the rows from ``starts`` (W) to ``ends`` (W); ``begun``
+    (W, nx) their first states as measured."""
 
     log: Log
+    shown: Mask
     time: Array
     command: Array
     before: Array
@@ -53,8 +56,10 @@ class Record:
 
     @cached_property
     def kept(self) -> Rows:
-        """The windows that are looked at (K), evenly over the log."""
-        return np.unique(np.linspace(0, len(self.starts) - 1, min(len(self.starts), MOST_WINDOWS)).round().astype(int))
+        """The windows that are looked at (K), evenly over those that may be."""
+        whole = [bool(self.shown[a:b].all()) for a, b in zip(self.starts, self.ends, strict=True)]
+        may = np.flatnonzero(whole)
+        return may[np.unique(np.linspace(0, len(may) - 1, min(len(may), MOST_WINDOWS)).round().astype(int))]
 
     @cached_property
     def looked(self) -> list[Rows]:
@@ -76,8 +81,9 @@ class Record:
         return np.append(dt, dt[-1])
 
 
-def record(arm: Arm, log: Log, window: float) -> Record:
-    """The record of ``log`` for ``arm`` in windows of ``window`` s. Raises LogError."""
+def record(arm: Arm, seen: Portion, window: float) -> Record:
+    """The record of what is seen of a log for ``arm`` in windows of ``window`` s. Raises LogError."""
+    log = seen.log
     command, _ = driven_by(arm, log, "command")
     names, outputs = [], []
     driven = {
@@ -93,7 +99,12 @@ def record(arm: Arm, log: Log, window: float) -> Record:
                 outputs.append((quantity, j))
     measured = np.stack([log[name] for name in names], 1)
     noise = np.array(
-        [_noise(arm, name, log[name]) if "torque" not in name else describe(name, log[name]).noise for name in names]
+        [
+            _noise(arm, name, log[name][seen.rows])
+            if "torque" not in name
+            else describe(name, log[name][seen.rows]).noise
+            for name in names
+        ]
     )
     starts = np.union1d(window_starts(log.time, window), [first for first, _ in segments(log.time)])
     ends = np.append(starts[1:], len(log))
@@ -106,6 +117,7 @@ def record(arm: Arm, log: Log, window: float) -> Record:
             before[j - 1] = log[f"motor_current_{j}"][0]
     return Record(
         log,
+        seen.rows,
         log.time,
         command,
         before,

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.diagnosis.candidates import PRESENT
-from hdagen.diagnosis.diagnose import Diagnosis
+from hdagen.diagnosis.diagnose import BLOCKS, Diagnosis
 from hdagen.diagnosis.maps import COLORS, maps
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.pictures import pictures
+from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.whiteness import LAGS, of_replay
 from hdagen.log import Log
 from hdagen.pages import page
@@ -92,9 +93,9 @@ def write(diagnosis: Diagnosis, path: Path) -> None:
             _gap(content),
             _candidates(content),
             *_where(sight, content),
-            _motion(held, diagnosis.before, diagnosis.after, diagnosis.first),
+            _motion(held, diagnosis.before, diagnosis.after),
             _parameters(sight, content),
-            _left(held, diagnosis.before, diagnosis.after, diagnosis.first),
+            _left(held, diagnosis.before, diagnosis.after),
             _data(content),
         ],
         _again(diagnosis.robot, content),
@@ -206,8 +207,11 @@ def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
     return [Section(heading, "", drawn), *sections] if verdict else [*sections, Section(heading, "", drawn)]
 
 
-def _motion(log: Log, before: Replay, after: Replay, first: int) -> Section:
+def _motion(held: Portion, before: Replay, after: Replay) -> Section:
     """Measured less model for each joint, zoomable; their cursors move together."""
+    log = held.log
+    blocks = [] if held.rows.all() else [(a, b, "") for a, b in held.spans]
+    shaded = "" if held.rows.all() else "Shaded: held out, all that the gap counts; the fit saw the rest."
     figures = []
     for j in range(1, log.n_joints + 1):
         shown = []
@@ -215,8 +219,9 @@ def _motion(log: Log, before: Replay, after: Replay, first: int) -> Section:
             name = f"{quantity}_{j}"
             if name in before.errors and name in after.errors:
                 label = f"{quantity.replace('_', ' ')} error ({_unit(quantity)})"
-                shown.append(Panel(label, _errors(log, name, before, after, first)))
-        figures.append(panels(f"Joint {j}: measured less model", log.time[first:], shown, link="motion"))
+                shown.append(Panel(label, _errors(log, name, before, after)))
+        title = f"Joint {j}: measured less model"
+        figures.append(panels(title, log.time, shown, bands=blocks, link="motion", caption=shaded))
     return Section(
         "Measured against model",
         "Windows begin anew every 0.25 s at the state that earlier measurements give; within a window nothing measured "
@@ -229,10 +234,10 @@ def _unit(quantity: str) -> str:
     return {"motor_current": "A", "motor_torque": "N m"}.get(quantity, "rad")
 
 
-def _errors(log: Log, name: str, before: Replay, after: Replay, first: int) -> list[Series]:
+def _errors(log: Log, name: str, before: Replay, after: Replay) -> list[Series]:
     return [
-        Series("before", (log[name] - before.columns[name])[first:], color="orange", dash="solid"),
-        Series("after", (log[name] - after.columns[name])[first:], color="blue", dash="solid"),
+        Series("before", log[name] - before.columns[name], color="orange", dash="solid"),
+        Series("after", log[name] - after.columns[name], color="blue", dash="solid"),
     ]
 
 
@@ -271,12 +276,13 @@ def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float 
     return [name, q.nominal, prior, estimate["value"], std, unit, told, said]
 
 
-def _left(log: Log, before: Replay, after: Replay, first: int) -> Section:
+def _left(held: Portion, before: Replay, after: Replay) -> Section:
     """Whether what is left is noise."""
-    lags = max(LAGS, min(round(LAG / log.period), (len(log) - first) // 3))
-    if len(log) - first <= 2 * lags:
+    count, period = int(held.rows.sum()), held.log.period
+    lags = max(LAGS, min(round(LAG / period), count // 3))
+    if count <= 2 * lags:
         return Section("What is left", "The held-out motion is too short for a test of whiteness.")
-    each = [of_replay(seen, log, first, lags) for seen in (before, after)]
+    each = [of_replay(seen, held, lags) for seen in (before, after)]
     rows: list[list[str | float | None]] = []
     figures = []
     for name in each[1]:
@@ -294,7 +300,7 @@ def _left(log: Log, before: Replay, after: Replay, first: int) -> Section:
         )
         for name in each[1]
     ]
-    time = [k * log.period for k in range(lags + 1)]
+    time = [k * period for k in range(lags + 1)]
     figures.append(
         panels("Autocorrelation of the replay error", time, shown, x_label="lag (s)", columns=2, share_y=True)
     )
@@ -336,7 +342,7 @@ def _data(content: dict[str, Any]) -> Section:
 
 def _again(robot: str, content: dict[str, Any]) -> str:
     log, held = (content["data"][key].replace(", ", " ") for key in ("log", "held_out"))
-    other = "" if held.startswith("the last") else f" --hold-out {held}"
+    other = "" if content["data"]["held_out"] == BLOCKS else f" --hold-out {held}"
     digest = content["robot"].get("sha256")
     return (
         f"    hdagen diagnose {robot} {log}{other}\n"

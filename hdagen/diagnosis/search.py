@@ -141,13 +141,14 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     best first."""
     out: list[Fitted] = []
     for number in range(1, len(sizes) + 1):
-        given, field = field, []
+        given = (field.pop(0) for _ in range(len(field)))  # each is let go of as soon as it has moved
         moved = _ordered(together(partial(_further, words, say, f"round {number} of {len(sizes)}"), given))
         after = sizes[number] if number < len(sizes) else len(moved)
         none = next((f.score.evidence for f in moved if not f.atoms), None)
         least = -np.inf if none is None else none + TRAILING * (moved[0].score.evidence - none)
         field = [f for place, f in enumerate(moved) if not f.atoms or (place < after and f.score.evidence >= least)]
         out += [f.bare() for f in moved if f not in field]
+        del moved
     best = [f for place, f in enumerate(_ordered(field)) if not f.atoms or place < SETTLING]
     rest = [f for f in field if f not in best]
     settled = together(partial(_settled, lead=best[0], words=words), best)

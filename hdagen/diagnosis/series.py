@@ -13,6 +13,7 @@ from pathlib import Path
 from hdagen.diagnosis.candidates import dictionary
 from hdagen.diagnosis.design import Point, design
 from hdagen.diagnosis.fitting import Fitted, begun
+from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, raced
 from hdagen.diagnosis.shooting import Shooting
@@ -35,7 +36,7 @@ def with_springs(
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found  # no rotor that could turn by itself
     say("a spring in what the robot file calls rigid")
-    shooting = Shooting(flexible, record(flexible, seen.log, window), STEP)
+    shooting = Shooting(flexible, record(flexible, Portion(seen.log, seen.shown), window), STEP)
     words = dictionary(flexible, suggested(flexible, shooting.record))
     atoms = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
     own = [c for c in words.columns if c.atom in atoms]

@@ -13,7 +13,6 @@ import numpy as np
 
 from hdagen.diagnosis.record import Record, usual_torque
 from hdagen.diagnosis.torsion import torsion
-from hdagen.log import Log
 from hdagen.plant import Arm, Array
 
 BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows that lie beyond a wall that is tried
@@ -43,7 +42,7 @@ def suggested(arm: Arm, record: Record) -> Suggested:
     seen = {name: value for twist in twisted for name, value in twist.seen.items()}
     least = {name: LEAST * (q.typical or np.inf) for name, q in arm.parameters.described.items()}
     sized = {name: size for name, size in seen.items() if name.startswith(SIZED) and abs(size) > least[name]}
-    shapes = _ends(arm, record.log)
+    shapes = _ends(arm, record)
     for name, value in (pair for twist in twisted for pair in twist.shapes.items()):
         shapes[name] = (value, *shapes[name])
     return Suggested(shapes, _inputs(arm, record) | sized, seen, _units(arm, record))
@@ -65,13 +64,15 @@ def _units(arm: Arm, record: Record) -> dict[str, float]:
     return {q.name: size * q.typical for q, size in torques if q.typical and q.unit in ("N m", "N")}
 
 
-def _ends(arm: Arm, log: Log) -> dict[str, tuple[float, ...]]:
+def _ends(arm: Arm, record: Record) -> dict[str, tuple[float, ...]]:
     """Walls near the ends of the range."""
     found: dict[str, tuple[float, ...]] = {}
+    log = record.log
     for j in range(1, arm.n + 1):
         if f"contact_above_{j}" in arm.parameters.described:
             ratio = arm.parameters[f"ratio_{j}"]
             q = log[f"joint_position_{j}"] if f"joint_position_{j}" in log else log[f"motor_position_{j}"] / ratio
+            q = q[record.shown]
             found[f"contact_above_{j}"] = tuple(float(np.quantile(q, 1 - share)) for share in BEYOND)
             found[f"contact_below_{j}"] = tuple(float(np.quantile(q, share)) for share in BEYOND)
     return found
@@ -105,4 +106,4 @@ def _error(arm: Arm, record: Record, name: str, value: float, j: int, measured: 
     arm.parameters[name] = value
     _, at = arm.acting(record.command[:, : arm.n], record.steps, record.before)
     arm.parameters[name] = kept
-    return float(np.sqrt(np.mean((at[:, j - 1] - measured) ** 2)))
+    return float(np.sqrt(np.mean((at[:, j - 1] - measured)[record.shown] ** 2)))

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.channels import even
+from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
 from hdagen.readings import full_torque
@@ -46,6 +47,7 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
     a = np.stack([grid.rate(column) for column in v.T], 1)
     held = record.command[np.clip(np.searchsorted(log.time, grid.time, side="right") - 1, 0, None)]
     torque = arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=held[:, n:])["joint_torque"]
+    shown = Portion(log, record.shown).at(grid.time)
     found = []
     for j in arm.manifest["flexible"]:
         if f"motor_position_{j}" not in log:
@@ -53,7 +55,7 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
         tau = torque[:, j - 1]
         theta, read = (np.interp(grid.time, log.time, log[f"{side}_position_{j}"]) for side in ("motor", "joint"))
         terms = {name: term for name, term in _terms(j, theta, q, v, tau).items() if name in described}
-        loaded = np.abs(tau) > LOADED * float(np.sqrt(np.mean(tau**2)))
+        loaded = shown & (np.abs(tau) > LOADED * float(np.sqrt(np.mean(tau[shown] ** 2))))
         twist = theta / arm.parameters[f"ratio_{j}"] - read
         law = _law(arm, j)
         columns = np.stack([*terms.values(), np.interp(tau, *law), tau, grid.rate(tau)], 1)
@@ -64,7 +66,7 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
         }
         borne = twist - columns[:, : len(terms)] @ values[: len(terms)]
         untold = np.interp(borne, law[1], law[0]) - tau  # what pushes the link back
-        sizes, shapes = _walls(arm, j, q[:, j - 1], untold)
+        sizes, shapes = _walls(arm, j, q[shown, j - 1], untold[shown])
         found.append(Twist(seen | _zeroed(j, seen) | sizes, shapes))
     return found
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from hdagen import late
 from hdagen.diagnosis.missing import Sight
+from hdagen.diagnosis.portion import Mask
 from hdagen.diagnosis.regimes import LEAST, Concentrated, Regressor, concentrated, explained
 from hdagen.plant import Array
 from hdagen.readings import limits, mechanical
@@ -54,14 +55,14 @@ class Trace:
     at: np.ndarray
 
 
-def where(sight: Sight, content: Mapping[str, Any], first: int) -> list[dict[str, Any]]:
-    """`where` of a diagnosis.json: the verdict's effects in its order, then what the base parameters close from row
-    ``first`` of the log on."""
+def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str, Any]]:
+    """`where` of a diagnosis.json: the verdict's effects in its order, then what the base parameters close in ``rows``
+    (T) of the log."""
     verdict = content["verdict"]
     if verdict and verdict[0].startswith("unknown"):
-        return [_unknown(sight, int(verdict[0].partition("@")[2]), first)]
+        return [_unknown(sight, int(verdict[0].partition("@")[2]), rows)]
     parts = _parts(sight, verdict)
-    shares = _shares(sight, parts, first)
+    shares = _shares(sight, parts, rows)
     effects = [k for k, part in enumerate(parts) if part.name in verdict]
     others = sorted((k for k in range(len(parts)) if k not in effects and shares[k] >= FEW), key=lambda k: -shares[k])
     entries = []
@@ -98,21 +99,21 @@ def _base_place(name: str) -> str:
     return "link" if name.startswith(_LINKS) else "motor"
 
 
-def _shares(sight: Sight, parts: list[Part], first: int) -> list[float]:
+def _shares(sight: Sight, parts: list[Part], rows: Mask) -> list[float]:
     """Of the closed gap (one for each part, from 0; they sum to 1)."""
-    whole = _gap(sight, sight.after, first)
+    whole = _gap(sight, sight.after, rows)
     back = []
     for part in parts:
         p = sight.after.copy()
         p[list(part.own)] = sight.before[list(part.own)]
-        back.append(max(_gap(sight, p, first) - whole, 0.0))
+        back.append(max(_gap(sight, p, rows) - whole, 0.0))
     total = sum(back)
     if not 0 < total < math.inf:
         return [1.0 if k == 0 else 0.0 for k in range(len(parts))]
     return [b / total for b in back]
 
 
-def _gap(sight: Sight, p: Array, first: int) -> float:
+def _gap(sight: Sight, p: Array, rows: Mask) -> float:
     """Logarithm of the gap, in multiples of noise, of windows that begin where the replay after the verdict says."""
     arm, log, after = sight.arm, sight.log, sight.replays[1]
     acting, shown = sight.commanded(p)
@@ -128,12 +129,12 @@ def _gap(sight: Sight, p: Array, first: int) -> float:
             read = seen[quantity][:, int(j) - 1] if quantity in seen else shown[:, int(j) - 1]
             if quantity == "motor_torque" and arm.input_names[int(j) - 1].startswith("motor_current"):
                 read = read * arm.parameters.described[f"torque_constant_{j}"].nominal
-            wrong = float(np.sqrt(np.mean((read - log[name])[first:] ** 2)))
+            wrong = float(np.sqrt(np.mean((read - log[name])[rows] ** 2)))
             logs.append(math.log(max(wrong / noise, 1.0)))
     return float(np.mean(logs))
 
 
-def _unknown(sight: Sight, joint: int, first: int) -> dict[str, Any]:
+def _unknown(sight: Sight, joint: int, rows: Mask) -> dict[str, Any]:
     """A gap that no effect explains: its place is where most torque is missing, its share that of what is left."""
     left = sight.missing(sight.after)
     place = "motor"
@@ -145,7 +146,7 @@ def _unknown(sight: Sight, joint: int, first: int) -> dict[str, Any]:
     for name in after.errors:
         if after.noise.get(name):
             j = int(name.rpartition("_")[2])
-            error = (after.columns[name] - sight.log[name])[first:] / after.noise[name]
+            error = (after.columns[name] - sight.log[name])[rows] / after.noise[name]
             squares[j] = squares.get(j, 0.0) + float(error @ error)
     part = Part(f"unknown@{joint}", joint, place, ())
     share = squares.get(joint, 0.0) / max(sum(squares.values()), 1e-300)

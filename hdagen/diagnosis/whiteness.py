@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.log import Log
+from hdagen.diagnosis.portion import Portion
 from hdagen.plant import Array
 from hdagen.replay import Replay
 
@@ -44,6 +44,6 @@ def whiteness(error: Array, lags: int) -> Whiteness:
     return Whiteness(r, 1.96 / np.sqrt(count), statistic, float(gammaincc(LAGS / 2, statistic / 2)))
 
 
-def of_replay(replay: Replay, log: Log, first: int, lags: int) -> dict[str, Whiteness]:
-    """Of every channel's error from row ``first`` on."""
-    return {name: whiteness((replay.columns[name] - log[name])[first:], lags) for name in replay.errors}
+def of_replay(replay: Replay, held: Portion, lags: int) -> dict[str, Whiteness]:
+    """Of every channel's error in what is held out; where that is blocks, one after another."""
+    return {name: whiteness((replay.columns[name] - held.log[name])[held.rows], lags) for name in replay.errors}

@@ -1,0 +1,73 @@
+"""Which rows of a log the fit sees, and which are held out.
+
+Where there is no hold-out log, blocks of time all over the log are held out. What happens once, a wall that is touched
+or a current at its limit, then lies in what is seen as likely as anything else; and the blocks begin at uneven times,
+so that no phase of a motion that repeats is hidden as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdagen.joined import joined
+from hdagen.log import Log
+from hdagen.plant import Array
+
+SHARE = 0.2  # of a log that is held out
+SPAN = 5.0  # s, of which one block is held out; a shorter log has SPANS of them
+SPANS = 4
+UNEVEN = (np.sqrt(5) - 1) / 2  # of a turn, from the place of a block in its span to that of the next
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Portion:
+    """``rows`` (T) of ``log``."""
+
+    log: Log
+    rows: Mask
+
+    @classmethod
+    def whole(cls, log: Log) -> Portion:
+        """All rows."""
+        return cls(log, np.ones(len(log), bool))
+
+    @property
+    def rest(self) -> Portion:
+        """The other rows."""
+        return Portion(self.log, ~self.rows)
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Begin and end of each stretch of rows, s."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.rows, [False]]).astype(int)))
+        time = self.log.time
+        return [(float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2)]
+
+    def at(self, time: Array) -> Mask:
+        """Whether the rows nearest to instants (K,) are in it."""
+        return self.rows[np.clip(np.searchsorted(self.log.time, time), 0, len(self.rows) - 1)]
+
+
+def parted(logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[Portion, Portion]:
+    """What the fit sees, and what is held out: the logs ``hold_out``, else blocks of each of ``logs``."""
+    if hold_out:
+        return Portion.whole(joined(logs)), Portion.whole(joined(hold_out))
+    held = Portion(joined(logs), np.concatenate([blocks(log.time) for log in logs]))
+    return held.rest, held
+
+
+def blocks(time: Array) -> Mask:
+    """Which rows of a log at ``time`` (T), s, lie in blocks that are held out."""
+    length = float(time[-1] - time[0])
+    count = max(SPANS, round(length / SPAN))
+    spans = (time - time[0]) / max(length, np.finfo(float).tiny) * count
+    number = np.minimum(spans.astype(int), count - 1)
+    begins = (number * UNEVEN % 1.0) * (1.0 - SHARE)
+    within = spans - number
+    return np.asarray((within >= begins) & (within < begins + SHARE))
