@@ -1,5 +1,7 @@
-"""Dry friction that peaks at standstill. Legend: τ_s peak above Coulomb friction, N m; ω_s speed at which it has
-faded, rad/s."""
+"""Dry friction that peaks at standstill, and fades as a Gauss curve (b = 0), as an exponential (b large), or between.
+
+Legend: τ_s peak above Coulomb friction, N m; ω_s speed at which it has faded to 1/e, rad/s; b sharpness of the peak.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,8 +12,9 @@ from gen.effect import Effect, Parameter, Port, Signals
 
 
 def level(s: Signals, p: Mapping[str, Any]) -> Any:
-    """τ_s exp(−(θ̇/ω_s)²)."""
-    return p["stribeck_torque"] * ca.exp(-((s.motor_velocity / p["stribeck_speed"]) ** 2))
+    """τ_s exp(−z² (1 + √(1 + b²)) / (1 + √(1 + b² z²))), z = θ̇/ω_s."""
+    z2, b2 = (s.motor_velocity / p["stribeck_speed"]) ** 2, p["stribeck_sharpness"] ** 2
+    return p["stribeck_torque"] * ca.exp(-z2 * (1 + ca.sqrt(1 + b2)) / (1 + ca.sqrt(1 + b2 * z2)))
 
 
 EFFECT = Effect(
@@ -38,9 +41,18 @@ EFFECT = Effect(
             starts=(0.05, 0.015, 0.15, 0.5),
             scale="ratio",
         ),
+        Parameter(
+            "stribeck_sharpness",
+            "1",
+            0.0,
+            0.0,
+            100.0,
+            "of the peak: 0 Gauss' curve, 100 Tustin's exponential",
+            starts=(2.0,),
+        ),
     ),
     amplitudes=("stribeck_torque",),
     equation=level,
-    citation="Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; size: Kircanski, Goldenberg, "
-    "Int. J. Robot. Res. 16 (1997) 214, harmonic drives",
+    citation="Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083 (exponents 0.5 to 2); size: "
+    "Kircanski, Goldenberg, Int. J. Robot. Res. 16 (1997) 214, harmonic drives",
 )

@@ -21,6 +21,7 @@ from hdagen.diagnosis.together import together
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
+BRIM, MOST_BRIMMING = 2.5, 2  # standard deviations from which what is tolerated is as large as it may be; how many such
 WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
 LONGEST = 3  # further rounds at most, each for another temperature of log evidence
 FEWER = 3  # rounds of what has fewer effects than the leader, from where that stands
@@ -177,13 +178,27 @@ def _settled(fit: Fitted, lead: Fitted, words: Dictionary) -> Fitted:
 
 
 def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
-    """The lead with each further effect that promises most about it, begun there."""
+    """The lead with each further effect that promises most about it, begun there, and with those that stand in it as
+    large as it tolerates: in a valley that bends, the slope promises little of them."""
     full = chosen(at, words.focused(lead.atoms, every=True), lead.design)
     others = [k for k in range(len(words.atoms)) if words.atoms[k].name not in full.words.meant]
     hypotheses = [lead.atoms, *((*lead.atoms, k) for k in others)]
     scored = score(posteriors(full.linear(), full.words.spike, lead.score.at.s), full.words, hypotheses)
     starts = {} if _clean(lead) else scan(full, full.words, lead.score)
-    return _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.temperature)
+    found = _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.temperature)
+    tried = {name for fit in found for name in fit.names}
+    brimming = [k for k in _brimming(lead) if words.atoms[k].name not in tried]
+    return [*found, *together(lambda k: begun(full, words, (*lead.atoms, k), lead.score.at.s), brimming)]
+
+
+def _brimming(lead: Fitted) -> list[int]:
+    """The atoms that are as large as the lead tolerates, the largest first."""
+    words, mean = lead.design.words, lead.posterior[0]
+    reach: dict[int, float] = {}
+    for c, value in zip(words.columns, mean, strict=True):
+        if c.atom >= 0 and words.atoms[c.atom].name not in words.meant:
+            reach[c.atom] = max(reach.get(c.atom, 0.0), abs(float(value)) / c.spike)
+    return [k for k in sorted(reach, key=lambda k: -reach[k]) if reach[k] >= BRIM][:MOST_BRIMMING]
 
 
 def first_whole(fits: Sequence[Fitted]) -> Fitted:
