@@ -90,6 +90,7 @@ def _folder(out: Path) -> Path:
 def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis import report
     from hdagen.diagnosis.diagnose import diagnose
+    from hdagen.diagnosis.memory import returned
     from hdagen.log import LogError, read
 
     out = _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}"))
@@ -101,6 +102,7 @@ def _one(options: argparse.Namespace) -> int:
     except OSError as error:
         raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
     begun = time.monotonic()
+    returned()
     found = diagnose(
         options.robot, logs, held, lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}", file=sys.stderr)
     )

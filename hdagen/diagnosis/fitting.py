@@ -136,6 +136,7 @@ def advanced(fit: Fitted, words: Dictionary, every: bool = False) -> Fitted:
     """A hypothesis one step further, its columns made anew there: its own, or ``every`` one. As it was where no step
     helps."""
     there = descend(fit.design, fit.atoms, fit.score)
+    there.gram.forget()
     own = words.about(there.shooting.arm, fit.atoms, there.point.p)
     made = design(there.shooting, own, there.point) if every else renewed(there, own, there.point)
     return _scored(made, fit.atoms, fit.score.at.s, fit.clean)

@@ -163,7 +163,7 @@ def _candidates(content: dict[str, Any]) -> Section:
     if unseen := content["unseen"]:
         text += (
             f"\n\nThis motion would not show, even in their usual size: {', '.join(words(o) for o in unseen)}. "
-            "`hdagen excite` designs one that does."
+            "hdagen excite designs one that does."
         )
     named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
     others = sum(float(r[1]) for r in rows[named:])

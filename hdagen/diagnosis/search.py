@@ -53,6 +53,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     singles = [(), *((k,) for k in range(len(words.atoms)))]
     screened = score(posteriors(at.linear(), words.spike), words, singles)
     starts = scan(at, words)
+    at.gram.forget()
     none = next(s for s in screened if not s.atoms)
     field = [
         begun(at, words, (), none.at.s),
