@@ -206,7 +206,7 @@ def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float
     """Expected log evidence, nats, by which the motion separates each pair of ``effects``; of more than two without
     those that no channel of the log shows."""
     at = modelled(arm, kept.simulation.log, effects, kept.simulation.state)
-    linear, random = at.linear(), np.random.default_rng(0)
+    linear, random = replace(at.linear(), temperature=1.0), np.random.default_rng(0)
     energy = np.diagonal(linear.gram.products, axis1=1, axis2=2).sum(0)[linear.m + linear.k :]
     shown = {
         at.words.atoms[c.atom].name for c, e in zip(at.words.columns, energy, strict=True) if c.atom >= 0 and e > 0
@@ -251,4 +251,4 @@ def _with(linear: Linear, theta: Array) -> Linear:
     gram = linear.gram
     moved = np.concatenate([np.zeros(gram.m + gram.k), theta])
     added = gram.products @ moved
-    return Linear(gram, linear.z + added, linear.r2 + (2 * linear.z + added) @ moved, linear.rows, linear.theta)
+    return replace(linear, z=linear.z + added, r2=linear.r2 + (2 * linear.z + added) @ moved)

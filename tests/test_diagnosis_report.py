@@ -84,6 +84,11 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "hypotheses": [{"effects": verdict, "probability": 0.9}, {"effects": ["backlash@2"], "probability": 0.1}],
         "parameters": {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in (base or {}).items()},
         "unseen": ["torque_constant@2"],
+        "control": {
+            "law": "impedance_joint",
+            "tracking": {"before": 5.76e-4, "after": 4.22e-4},
+            "contact_force": {"before": 2.7, "after": 2.68},
+        },
         "robot": {"name": "test <arm>", "sha256": "0" * 64},
         "method": {"calibrated": False},
         "data": {

@@ -80,7 +80,7 @@ def decide(search: Search) -> Decision:
     fits: dict[tuple[str, ...], Fitted] = {}
     for fit in search.fitted:
         fits.setdefault(fit.names, fit)
-    temperature = search.fitted[0].temperature
+    temperature, excess = search.fitted[0].temperature, search.fitted[0].excess
     evidence: dict[tuple[str, ...], float] = {}
     for fit in search.fitted:
         atoms = fit.design.words.atoms
@@ -90,7 +90,7 @@ def decide(search: Search) -> Decision:
     linear = next(s.evidence for s in search.screened if not s.atoms)
     for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
         names = tuple(words.atoms[k].name for k in s.atoms)
-        evidence.setdefault(names, evidence[()] + min(s.evidence - linear, 0.0) / temperature)
+        evidence.setdefault(names, evidence[()] + min(s.evidence - linear, 0.0) / excess)
     count = sum(len(names) == 1 for names in evidence)
     top = max(evidence.values())
     weight = {names: _prior(len(names), count) * np.exp(e - top) for names, e in evidence.items()}

@@ -23,6 +23,7 @@ FEWEST_STEPS, FEWEST_ROWS = 2, 3  # of each, and of data in one
 KICKS = 5  # impulses on a link in a step
 SHARE = 0.02  # of the usual motor torque: unit of unexplained torque
 START = 3.0  # noise, by which a first position is moved
+TEMPERATURE = 12.0  # of the likelihood, in fits as in decisions: fits of one log end in places that differ by as much
 REACTION = 0.01  # s: a first velocity is moved by START noise in that time
 
 
@@ -51,7 +52,7 @@ class Design:
         theta, edges = self.words.theta(self.point.p), self.edges
         r = self.residual.reshape(-1) + theta @ self.columns[head:]
         z = np.stack([self.columns[:, part] @ r[part] for part in self.parts])
-        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), np.diff(edges), theta)
+        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), np.diff(edges), theta, TEMPERATURE)
 
     @property
     def edges(self) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 
 from hdagen import verdict
 from hdagen.diagnosis.achievable import corrected
+from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.gap import gap
@@ -21,7 +22,7 @@ from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.whereabouts import where
 from hdagen.log import Log
-from hdagen.plant import load
+from hdagen.plant import Arm, PlantError, load
 from hdagen.repair import prepared
 from hdagen.replay import Replay, check, replay
 
@@ -83,9 +84,20 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     say("where and when")
     sight = look(changed, content, held_out.log, before, after)
     content["where"] = where(sight, content, held_out.rows)
+    content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, sight)
+
+
+def _control(plain: Arm, changed: Arm, said: verdict.Verdict, log: Log) -> dict[str, Any] | None:
+    """What the verdict changes for a controller, or why that cannot be said; None where no effect is named."""
+    if not said.effects:
+        return None
+    try:
+        return controlled(plain, verdict.applied(changed, said)[0], log).content
+    except PlantError as error:
+        return {"refused": str(error)}
 
 
 def _counted(found: Replay, seen: Record) -> Replay:

@@ -98,11 +98,17 @@ def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None
 
 
 def posterior(
-    reduced: Reduced, spike: Array, s: float, kappa2: Array, bounds: Bounds | None = None, temperature: float = 1.0
+    reduced: Reduced,
+    spike: Array,
+    s: float,
+    kappa2: Array,
+    bounds: Bounds | None = None,
+    temperature: float | None = None,
 ) -> Posterior:
     """θ under prior standard deviations ``spike`` (P), the windows at scales ``kappa2`` (W). With ``bounds`` the most
     probable θ lies within them, and the evidence is that of Laplace's approximation there; without, it is exact. The
-    likelihood counts as its root of order ``temperature``, the prior as it is."""
+    likelihood counts as its root of order ``temperature`` (default: that of ``reduced``), the prior as it is."""
+    temperature = reduced.temperature if temperature is None else temperature
     weight = 1.0 / (kappa2 * temperature)
     N, b, c = np.tensordot(weight, reduced.N, 1), weight @ reduced.b, float(weight @ reduced.c)
     V = spike[:, None] * spike

@@ -17,20 +17,19 @@ from itertools import combinations
 import numpy as np
 
 from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
-from hdagen.diagnosis.design import Design, Point, chosen, design, knots, renewed
+from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots, renewed
 from hdagen.diagnosis.evidence import Posterior, Scored, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear
 from hdagen.plant import Array
 
-TEMPERATURE = 12.0  # at least: fits of one log that end in different places differ by as much
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
-TEMPERATURES = np.geomspace(1.0, 1e4, 9)
+TEMPERATURES = np.geomspace(TEMPERATURE, 1e4 * TEMPERATURE, 9)
 CHORDS = 3
 REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
-ENOUGH = 1.0  # of log evidence that a step must bring for another one with the same columns
+ENOUGH = 0.1  # of log evidence that a step must bring for another one with the same columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ class Fitted:
         atoms = self.atoms if atoms is None else atoms
         if self.tempered is not None:
             return float(np.interp(np.log(temperature), np.log(TEMPERATURES), self.tempered[atoms]))
-        return self._tempered(atoms, temperature).evidence - 0.5 * self._overrated[atoms] / temperature
+        return self._tempered(atoms, temperature).evidence - 0.5 * self._overrated[atoms] * TEMPERATURE / temperature
 
     def _tempered(self, atoms: tuple[int, ...], temperature: float) -> Posterior:
         at, design = self.score.at, self.design
@@ -92,7 +91,12 @@ class Fitted:
     def temperature(self) -> float:
         """The root of the likelihood that a decision counts: what this one still leaves would be worth as much to a
         better one, so an effect must bring a share of that."""
-        return max(TEMPERATURE, (self.clean - self.score.evidence) / DEPENDENT)
+        return TEMPERATURE * self.excess
+
+    @property
+    def excess(self) -> float:
+        """That root in multiples of the least."""
+        return max(1.0, (self.clean - self.score.evidence) / DEPENDENT)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -151,7 +155,9 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None
     if clean is None:
         nothing, noise = linear.reduced(0.0), np.ones(len(linear.rows))
         exact = posterior(nothing, prior, 0.0, noise, bounds)
-        clean = exact.evidence + 0.5 * (nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum())
+        clean = exact.evidence + 0.5 * (
+            nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum() / linear.temperature
+        )
     linear.gram.forget()
     return Fitted(atoms, at, Scored(atoms, best.evidence, best), _by_joint(at, torque), clean)
 

@@ -15,7 +15,7 @@ Lange, Little, Taylor, J. Am. Stat. Assoc. 84 (1989) 881 (scales by group, found
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -108,13 +108,14 @@ class Gram:
 @dataclass(frozen=True, eq=False)
 class Linear:
     """Columns with a residual: ``z`` their products with it (W, C), ``r2`` its own (W); ``rows`` of data (W); ``theta``
-    where it was measured (P)."""
+    where it was measured (P); ``temperature``: the likelihood counts as its root of that order."""
 
     gram: Gram
     z: Array
     r2: Array
     rows: Array
     theta: Array
+    temperature: float = 1.0
 
     @property
     def m(self) -> int:
@@ -133,7 +134,7 @@ class Linear:
         weighted = turned * e.weights(s)
         b = own - np.einsum("wkp,wk->wp", e.told, weighted, optimize=True)
         c = self.r2 - (first**2).sum(1) - (turned * weighted).sum(1)
-        return Reduced(self.gram.left(s), b, c, e.logdet(s), np.maximum(self.rows - self.m, 1))
+        return Reduced(self.gram.left(s), b, c, e.logdet(s), np.maximum(self.rows - self.m, 1), self.temperature)
 
     def inner(self, s: float, theta: Array) -> tuple[Array, Array]:
         """Change of the first states (W, m) and torques (W, k), in their units, that go with θ."""
@@ -155,18 +156,19 @@ class Linear:
 @dataclass(frozen=True, eq=False)
 class Reduced:
     """What is left for θ, a window each: J'CJ (W, P, P), J'Cr (W, P), r'Cr (W), degrees of freedom (W); log
-    determinant of all."""
+    determinant of all; the temperature of the likelihood."""
 
     N: Array
     b: Array
     c: Array
     logdet: float
     freedom: Array
+    temperature: float = 1.0
 
     def about(self, center: Array) -> Reduced:
         """The same for θ less ``center`` (P)."""
         N = self.N @ center
-        return Reduced(self.N, self.b - N, self.c + (N - 2 * self.b) @ center, self.logdet, self.freedom)
+        return replace(self, b=self.b - N, c=self.c + (N - 2 * self.b) @ center)
 
     def chi2(self, theta: Array) -> Array:
         """What each window (W) leaves at θ, in units of noise, squared."""
@@ -183,4 +185,5 @@ class Reduced:
         windows at scales ``kappa2`` (W), else each at its own."""
         if kappa2 is None:
             kappa2 = self.scales(theta)
-        return float((self.chi2(theta) / kappa2 + self.freedom * np.log(kappa2)).sum() + (theta**2 / prior**2).sum())
+        likelihood = float((self.chi2(theta) / kappa2 + self.freedom * np.log(kappa2)).sum())
+        return likelihood / self.temperature + float((theta**2 / prior**2).sum())

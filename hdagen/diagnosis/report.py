@@ -95,6 +95,7 @@ def write(diagnosis: Diagnosis, path: Path) -> None:
             *_where(sight, content),
             _motion(held, diagnosis.before, diagnosis.after),
             _parameters(sight, content),
+            *_control(content),
             _left(held, diagnosis.before, diagnosis.after),
             _data(content),
         ],
@@ -274,6 +275,29 @@ def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float 
     else:
         said = "much" if told < TOLD[0] else "a little" if told < TOLD[1] else "nothing"
     return [name, q.nominal, prior, estimate["value"], std, unit, told, said]
+
+
+def _control(content: dict[str, Any]) -> list[Section]:
+    """What the verdict changes for a controller."""
+    control = content["control"]
+    if control is None:
+        return []
+    title = "What it changes for a controller"
+    if "refused" in control:
+        return [Section(title, f"Not simulated: {control['refused']}")]
+    tracking, force = control["tracking"], control["contact_force"]
+    rows: list[list[str | float | None]] = [
+        ["rms distance of the tip from its path (mm)", 1e3 * tracking["before"], 1e3 * tracking["after"]],
+        ["largest force at a wall (N)", force["before"], force["after"]],
+    ]
+    text = (
+        f"In simulation: the machine is the model with the verdict, the controller {control['law']} with its default "
+        "gains knows the robot file, or the verdict, as hdagen adopt and a build give it. It follows a swing within "
+        "the log's motion, then joint 1 leads the tip 10 mm into a stiff wall. Its disturbance observer makes up for "
+        "much of what a model misses at the motors, so a gap in replay may change little here."
+    )
+    columns = ["", "controller knows the robot file", "controller knows the verdict"]
+    return [Section(title, text, [table("Controllers", columns, rows, digits=3)])]
 
 
 def _left(held: Portion, before: Replay, after: Replay) -> Section:

@@ -11,7 +11,7 @@ import numpy as np
 from hdagen.diagnosis.candidates import Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
-from hdagen.diagnosis.fitting import TEMPERATURE, Fitted, advanced, begun, lessened
+from hdagen.diagnosis.fitting import Fitted, advanced, begun, lessened
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
@@ -57,7 +57,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     none = next(s for s in screened if not s.atoms)
     field = [
         begun(at, words, (), none.at.s),
-        *_promising(at, words, screened, starts, (), FIELD[0], WORTH * TEMPERATURE),
+        *_promising(at, words, screened, starts, (), FIELD[0], WORTH),
     ]
     return Search(words, tuple(raced(at, words, field, say)), tuple(screened))
 
@@ -168,11 +168,11 @@ def _clean(fit: Fitted) -> bool:
 
 def _settled(fit: Fitted, lead: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis that goes on as long as it gets better, all its columns made anew; not one far behind ``lead``."""
-    if fit.score.evidence < lead.score.evidence - HOPELESS * lead.temperature:
+    if fit.score.evidence < lead.score.evidence - HOPELESS * lead.excess:
         return fit
     for _ in range(LONGEST):
         further = advanced(fit, words, every=True)
-        if further.score.evidence < fit.score.evidence + fit.temperature:
+        if further.score.evidence < fit.score.evidence + fit.excess:
             return fit if further.score.evidence < fit.score.evidence else further
         fit = further
     return fit
@@ -186,7 +186,7 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     hypotheses = [lead.atoms, *((*lead.atoms, k) for k in others)]
     scored = score(posteriors(full.linear(), full.words.spike, lead.score.at.s), full.words, hypotheses)
     starts = {} if _clean(lead) else scan(full, full.words, lead.score)
-    found = _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.temperature)
+    found = _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.excess)
     tried = {name for fit in found for name in fit.names}
     brimming = [k for k in _brimming(lead) if words.atoms[k].name not in tried]
     return [*found, *together(lambda k: begun(full, words, (*lead.atoms, k), lead.score.at.s), brimming)]
