@@ -20,7 +20,7 @@ from hdagen.diagnosis.search import Search
 NONE = 0.5  # prior probability of no effect
 FURTHER = 0.3  # that there is one more
 # size of unexplained torque, in its unit (2 % of the usual motor torque), variance beyond the noise's as a share of it,
-# and share of what none leaves unexplained, at which it is as probable as not that something unknown is at work
+# and share of the log evidence that none lacks, at which it is as probable as not that something unknown is at work
 UNKNOWN = 0.6, 1.0
 LEFT = 0.6
 NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
@@ -124,11 +124,11 @@ def _calibrated(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
 
 
 def _strange(left: Fitted, none: Fitted) -> float:
-    """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named tell
-    little of what none leaves. A real machine always leaves something."""
+    """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named gain
+    little of what none lacks. A real machine always leaves something."""
     size = max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1])
-    share = float(np.linalg.norm(left.unexplained)) / max(float(np.linalg.norm(none.unexplained)), LEAST)
-    return (size * min(share / LEFT, 1.0 / LEFT) ** 2) ** 2
+    lacks = [max(fit.clean - fit.score.evidence, LEAST) for fit in (left, none)]
+    return (size * min(lacks[0] / lacks[1] / LEFT, 1.0 / LEFT) ** 2) ** 2
 
 
 def _less(
