@@ -182,13 +182,13 @@ def test_what_differs_at_standstill_only_is_not_named_twice() -> None:
     assert not bias.twin(bias) and not other.twin(uneven)
 
 
-def fit(s: float, torque: float, level: float = 1.0) -> Any:
+def fit(s: float, lacks: float, level: float = 1.0) -> Any:
     """A fit that leaves that much."""
     at = SimpleNamespace(s=s, level=level)
-    return SimpleNamespace(score=SimpleNamespace(at=at), unexplained=np.array([torque, 0.0]))
+    return SimpleNamespace(score=SimpleNamespace(at=at, evidence=-100.0 * lacks), clean=0.0)
 
 
-def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
+def test_unknown_is_what_the_named_effects_leave_of_what_none_lacks() -> None:
     assert _strange(fit(1.0, 3.0), fit(3.0, 3.1)) > 3  # nothing was told
     assert _strange(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
     assert _strange(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
