@@ -122,8 +122,7 @@ def _promising(
     found: dict[str, tuple[float, int]] = {}
     linear = {s.atoms[-1]: s.evidence - alone.evidence for s in scored if len(s.atoms) > len(lead)}
     for k, gain in linear.items():
-        atom, beside = words.atoms[k], [words.atoms[i] for i in lead]
-        if atom.presupposes(at.shooting.arm) not in (*(b.name for b in beside), None) or any(map(atom.twin, beside)):
+        if not _fits(at, words, lead, k):
             continue
         at_size = starts[k].gain if k in starts else -np.inf
         name, best = words.atoms[k].name, max(gain, at_size)
@@ -136,6 +135,13 @@ def _promising(
         return begun(at, words, (*lead, k), alone.at.s, start)
 
     return together(begin, [k for _, k in leading])
+
+
+def _fits(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> bool:
+    """Whether atom k says something beside the atoms of ``lead``."""
+    atom, beside = words.atoms[k], [words.atoms[i] for i in lead]
+    there = atom.presupposes(at.shooting.arm) in (*(b.name for b in beside), None)
+    return there and not any(map(atom.twin, beside))
 
 
 def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fitted]:
@@ -188,8 +194,9 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     starts = {} if _clean(lead) else scan(full, full.words, lead.score)
     found = _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.excess)
     tried = {name for fit in found for name in fit.names}
-    brimming = [k for k in _brimming(lead) if words.atoms[k].name not in tried]
-    return [*found, *together(lambda k: begun(full, words, (*lead.atoms, k), lead.score.at.s), brimming)]
+    brimming = [k for k in _brimming(lead) if words.atoms[k].name not in tried and _fits(full, words, lead.atoms, k)]
+    more = brimming[:MOST_BRIMMING]
+    return [*found, *together(lambda k: begun(full, words, (*lead.atoms, k), lead.score.at.s), more)]
 
 
 def _brimming(lead: Fitted) -> list[int]:
@@ -199,7 +206,7 @@ def _brimming(lead: Fitted) -> list[int]:
     for c, value in zip(words.columns, mean, strict=True):
         if c.atom >= 0 and words.atoms[c.atom].name not in words.meant:
             reach[c.atom] = max(reach.get(c.atom, 0.0), abs(float(value)) / c.spike)
-    return [k for k in sorted(reach, key=lambda k: -reach[k]) if reach[k] >= BRIM][:MOST_BRIMMING]
+    return [k for k in sorted(reach, key=lambda k: -reach[k]) if reach[k] >= BRIM]
 
 
 def first_whole(fits: Sequence[Fitted]) -> Fitted:
