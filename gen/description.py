@@ -61,6 +61,8 @@ class Sensor:
 
     motor_encoder_resolution: float
     joint_encoder_resolution: float
+    motor_encoder_noise: float
+    joint_encoder_noise: float
     current_noise: float
     torque_noise: float
 
@@ -98,6 +100,7 @@ class Robot:
     gravity: tuple[Value, Value]
     tolerance: float
     step: float  # s, integration step the model is meant for
+    force_noise: float  # N
     joints: tuple[Joint, ...]
     effects: tuple[StatedEffect, ...]
     source: Path

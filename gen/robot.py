@@ -69,7 +69,17 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
         scaled = f"scaled to a unit diagonal its smallest eigenvalue is {flaw[1]:.2g}, possible is above 0"
         raise RobotError([f"{label}, joint: {found} ({scaled}); give the links more mass or inertia."])
     name = top["name"]
-    return Robot(name, rules.slug(name), top["gravity"], top["tolerance"], top["step"], joints, tuple(present), source)
+    return Robot(
+        name,
+        rules.slug(name),
+        top["gravity"],
+        top["tolerance"],
+        top["step"],
+        top["force_noise"],
+        joints,
+        tuple(present),
+        source,
+    )
 
 
 def _table(file: Path, label: str) -> dict[str, Any]:

@@ -101,6 +101,8 @@ TABLE: tuple[Key, ...] = (
         "gravity in the plane of motion; base frame: x right, y up, q = 0 along x", exact=True, width=10.0),
     Key("", "tolerance", NUMBER, NO, "1", Range(0, 10), "relative standard deviation of the parameters", 0.05),
     Key("", "step", NUMBER, NO, "s", Range(1e-7, 0.1), "integration step the model is meant for", 0.0005),
+    Key("", "force_noise", NUMBER, NO, "N", Range(0, 1e5),
+        "standard deviation of the force sensor at the tip, by axis", 0.2),
 
     Key("joint", "type", TEXT, NO, "", ANY,
         "a prismatic joint slides along its own x", "revolute", choices=("revolute", "prismatic")),
@@ -158,6 +160,10 @@ TABLE: tuple[Key, ...] = (
 
     Key(SENSOR, "motor_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0),
     Key(SENSOR, "joint_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0, sliding="m"),
+    Key(SENSOR, "motor_encoder_noise", NUMBER, NO, "rad", Range(0, 10),
+        "standard deviation of the angle before it is counted", 0.0),
+    Key(SENSOR, "joint_encoder_noise", NUMBER, NO, "rad", Range(0, 10),
+        "standard deviation of the position before it is counted", 0.0, sliding="m"),
     Key(SENSOR, "current_noise", NUMBER, NO, "A", Range(0, 1e3),
         "standard deviation (N m where the input is torque)", 0.0),
     Key(SENSOR, "torque_noise", NUMBER, NO, "N m", Range(0, 1e5), "standard deviation", 0.0, sliding="N"),

@@ -55,7 +55,8 @@ def closed_loops(
     steps = max(1, int(np.ceil(period / arm.stable_step - 1e-9)))
     limits = np.concatenate(controller.torque_limits())
     settings = np.concatenate([[period, steps, scheme.delay], scheme.resolution, limits, torque_per_input(arm)])
-    group = _Group(arm, controller, rows, push, felt, arm.rest(q0), settings)
+    noise = scheme.encoder_noise(len(push), seed)
+    group = _Group(arm, controller, rows, (push, felt, noise), arm.rest(q0), settings)
     width = arm.module.batch_width
     firsts = range(0, len(table), width)
     with ThreadPoolExecutor(threads) as pool:
@@ -91,12 +92,18 @@ class _Group:
     """The sets that share a vector, from beginning to end."""
 
     def __init__(
-        self, arm: Arm, controller: Controller, rows: Array, push: Array, felt: Array, x0: Array, settings: Array
+        self,
+        arm: Arm,
+        controller: Controller,
+        rows: Array,
+        world: tuple[Array, Array, Array],
+        x0: Array,
+        settings: Array,
     ) -> None:
         self.arm, self.number, self.x0, self.settings = arm, controller.number, x0, settings
         module = arm.module
         self.known = controller.arm.c.copy()
-        self.push, self.felt = push, felt
+        self.world = world  # push (T, 2), what the force sensor says of it (T, 2), noise of the encoders (T, 2n)
         self.widest = module.length("loops_tick", "tip") // 2
         self.gains = module.length("loops_begin", "gains") // self.widest
         self.rows = np.zeros((len(rows), module.length("loops_tick", "reference")))
@@ -113,5 +120,5 @@ class _Group:
         module.bind("loops_begin", *begin).run()
         assert status[0] == 0
         tip, sent = np.empty((count, self.widest, 2)), np.empty((count, self.widest, self.arm.n))
-        module.map("loops_tick", count, context, self.rows, self.push, self.felt, self.arm.c, self.known, tip, sent)
+        module.map("loops_tick", count, context, self.rows, *self.world, self.arm.c, self.known, tip, sent)
         return tip[:, : len(table)], sent[:, : len(table)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,11 +19,17 @@ BEYOND = 100.0  # times the speed that a state is meant for, from where it is no
 _LEAST = 1e-9  # rad or m, of noise: a channel that has not moved yet shows none
 
 
+def encoder_noise(sensor: Mapping[str, float], side: str) -> float:
+    """Standard deviation of what the encoder of a "motor" or "joint" reads, its own noise and that of counting, by the
+    robot file's ``sensor`` (0: none stated)."""
+    return math.hypot(sensor[f"{side}_encoder_resolution"] / math.sqrt(12), sensor[f"{side}_encoder_noise"])
+
+
 @dataclass(frozen=True, eq=False)
 class Readings:
     """The channels, M of them, joint after joint, motor before joint: ``measured`` (T, M); for each its name, the
     output of the arm that it shows (name, joint), the state that it reads and the factor it reads it with, and the
-    standard deviation of its noise as the robot file's resolution gives it (0: not stated)."""
+    standard deviation of its noise as the robot file gives it (0: not stated)."""
 
     names: tuple[str, ...]
     outputs: tuple[tuple[str, int], ...]
@@ -46,10 +52,8 @@ class Readings:
                     own = name in arm.state_names  # else it is the motor of a rigid drive
                     place = arm.index(name if own else f"joint_{quantity}_{j}")
                     factor = 1.0 if own else arm.parameters[f"ratio_{j}"]
-                    resolution = stated[f"{side}_encoder_resolution"] if quantity == "position" else 0.0
-                    found.append(
-                        (name, (f"{side}_{quantity}", j), place, factor, resolution / math.sqrt(12), log[name])
-                    )
+                    noise = encoder_noise(stated, side) if quantity == "position" else 0.0
+                    found.append((name, (f"{side}_{quantity}", j), place, factor, noise, log[name]))
         names, outputs, places, factors, noise, measured = zip(*found, strict=True)
         return cls(names, outputs, places, np.array(factors), np.array(noise), np.stack(measured, 1))
 

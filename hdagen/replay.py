@@ -20,7 +20,7 @@ from hdagen.channels import describe
 from hdagen.kalman import estimate
 from hdagen.log import Log, LogError, parts
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import Readings, Rows, mechanical, within
+from hdagen.readings import Readings, Rows, encoder_noise, mechanical, within
 
 WINDOW = 0.25  # s
 INPUTS = ("command", "measured")
@@ -315,11 +315,7 @@ def _noise(arm: Arm, name: str, values: Array) -> float:
     quantity, _, j = name.rpartition("_")
     stated = arm.robot["joints"][int(j) - 1]["sensor"]
     side = quantity.split("_")[0]
-    known = (
-        stated[f"{side}_encoder_resolution"] / math.sqrt(12)
-        if quantity.endswith("position")
-        else stated["current_noise"]
-    )
+    known = encoder_noise(stated, side) if quantity.endswith("position") else stated["current_noise"]
     return float(known or describe(name, values).noise)
 
 

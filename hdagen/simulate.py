@@ -1,9 +1,9 @@
 """A controller against the compiled arm, with its sensors: what a log of the machine would hold, and the truth beside
 it.
 
-The arm has set-valued friction; the controller sees encoders with their resolution, a force sensor with noise, and
-everything late by the delay. Row k of the log holds what was sampled at t_k and the command that was held from t_k to
-the next row.
+The arm has set-valued friction; the controller sees encoders with their noise and resolution, a force sensor with
+noise, and everything late by the delay. Row k of the log holds what was sampled at t_k and the command that was held
+from t_k to the next row.
 """
 
 from __future__ import annotations
@@ -40,14 +40,16 @@ class Sensors:
     motor_resolution: tuple[float, ...] | None = None  # rad
     joint_resolution: tuple[float, ...] | None = None  # rad
     current_noise: tuple[float, ...] | None = None  # A, standard deviation
-    force_noise: float = 0.2  # N, standard deviation
+    force_noise: float | None = None  # N, standard deviation
     delay: int = 0
+    motor_noise: tuple[float, ...] | None = None  # rad, standard deviation, before counting
+    joint_noise: tuple[float, ...] | None = None  # rad
 
     @classmethod
     def exact(cls, n: int) -> Sensors:
         """Sensors without error, for n joints."""
         none = (0.0,) * n
-        return cls(none, none, none, 0.0, 0)
+        return cls(none, none, none, 0.0, 0, none, none)
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,8 @@ def run(
     random = np.random.default_rng(seed)
     noise = random.normal(size=(count, 2)) * scheme.force_noise
     felt = push + noise
-    seen, state, torque, shown, status = _loop(arm, controller, rows, push, felt, q0, scheme, progress, world)
+    wobble = scheme.encoder_noise(count, seed)
+    seen, state, torque, shown, status = _loop(arm, controller, rows, push, felt, wobble, q0, scheme, progress, world)
     commanded = torque / torque_per_input(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
     measured = shown + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)
@@ -137,9 +140,22 @@ class Errors:
     """Every sensor's errors; ``delay`` in ticks."""
 
     resolution: Array  # of θ then q
+    noise: Array  # of θ then q
     current_noise: Array
     force_noise: float
     delay: int
+
+    def encoder_noise(self, rows: int, seed: int) -> Array:
+        """What is added to θ then q before they are counted (T, 2n). Its numbers are its own: the same seed gives the
+        same noise of current and force with and without it."""
+        if not self.noise.any():
+            return np.zeros((rows, len(self.noise)))
+        return np.random.default_rng([seed, 1]).normal(size=(rows, len(self.noise))) * self.noise
+
+    def read(self, angles: Array) -> Array:
+        """Angles (..., 2n), noise on them, as the encoders count them."""
+        step = np.where(self.resolution > 0, self.resolution, 1.0)
+        return np.where(self.resolution > 0, np.round(angles / step) * step, angles)
 
 
 def errors(arm: Arm, sensors: Sensors) -> Errors:
@@ -149,6 +165,8 @@ def errors(arm: Arm, sensors: Sensors) -> Errors:
     for given, key in (
         (sensors.motor_resolution, "motor_encoder_resolution"),
         (sensors.joint_resolution, "joint_encoder_resolution"),
+        (sensors.motor_noise, "motor_encoder_noise"),
+        (sensors.joint_noise, "joint_encoder_noise"),
         (sensors.current_noise, "current_noise"),
     ):
         values = np.array([joint["sensor"][key] for joint in joints] if given is None else given, float)
@@ -157,9 +175,11 @@ def errors(arm: Arm, sensors: Sensors) -> Errors:
         chosen.append(values)
     if not isinstance(sensors.delay, int) or sensors.delay < 0:
         raise PlantError(f"delay is a whole number of ticks from 0, not {sensors.delay}.")
-    if not 0 <= sensors.force_noise < np.inf:
-        raise PlantError(f"force_noise must be finite and not negative, N, not {sensors.force_noise}.")
-    return Errors(np.concatenate(chosen[:2]), chosen[2], sensors.force_noise, int(sensors.delay))
+    force_noise = arm.robot["force_noise"] if sensors.force_noise is None else sensors.force_noise
+    if not 0 <= force_noise < np.inf:
+        raise PlantError(f"force_noise must be finite and not negative, N, not {force_noise}.")
+    angles = np.concatenate(chosen[:2]), np.concatenate(chosen[2:4])
+    return Errors(*angles, chosen[4], float(force_noise), int(sensors.delay))
 
 
 def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> None:
@@ -191,6 +211,7 @@ def _loop(
     rows: Array,
     push: Array,
     felt: Array,
+    wobble: Array,
     q0: Array,
     scheme: Errors,
     progress: Callable[[int, int], None] | None,
@@ -208,12 +229,11 @@ def _loop(
     unit, stage = torque_per_input(arm), InputStage(arm, np.zeros(n))
     seen, state = np.empty((count, 2 * n)), np.empty((count, arm.nx))
     torque, shown, status = np.empty((count, n)), np.empty((count, n)), np.empty(count, np.int32)
-    step = np.where(scheme.resolution > 0, scheme.resolution, 1.0)
     controller.restart()
     for k in range(count):
         look.run()
         raw = np.concatenate([outputs["motor_position"], outputs["joint_position"]])
-        seen[k] = np.where(scheme.resolution > 0, np.round(raw / step) * step, raw)
+        seen[k] = scheme.read(raw + wobble[k])
         state[k] = x
         if world is not None:
             touch = world(outputs["tip"], outputs["tip_velocity"])

@@ -8,7 +8,7 @@ import pytest
 from hdagen.paper import validation
 from hdagen.paper.estimator import estimated, hysteresis, rms
 from hdagen.paper.handle import BAR, BEGUN, BETTER, by_axis, causes, compared, compensating, handled
-from hdagen.paper.prototype import Bench, driven, fine_sensors
+from hdagen.paper.prototype import Bench, driven, encoders, fine_sensors
 from hdagen.simulate import Sensors
 
 
@@ -63,7 +63,7 @@ def test_the_start_up_error_has_a_cause_that_can_be_switched_off(bench: Bench) -
     known = found["held by the handle when it begins"]
     assert zeroed[0] > 2 * known[0] and zeroed[0] > 2 * zeroed[1] and zeroed[1] == pytest.approx(known[1], rel=0.05)
     off_centre = found["disc off centre by 20 µm"]
-    assert off_centre[1] > off_centre[0] > 2 * none[0]
+    assert min(off_centre) > 10 * none[1]
 
 
 def test_the_ratio_of_two_takes_another_second_arm(bench: Bench) -> None:
@@ -80,7 +80,8 @@ def test_finer_encoders_buy_better_torque(bench: Bench) -> None:
     known, zero = compensating(bench, True)
     errors = []
     for counts in (128, 1024, 16384):
-        run = handled(bench, True, Sensors((2 * np.pi / counts,) * 2, (2 * np.pi / 2**18,) * 2))
+        run = handled(bench, True, encoders(counts, 18))
         error = estimated(known, run.log, zero).whole - run.joint_torque
         errors.append(rms(error, run.log.time >= BEGUN))
-    assert (np.diff(errors, axis=0) < 0).all()
+    assert (errors[1] < 0.5 * errors[0]).all()
+    assert (errors[2] < 1.2 * errors[1]).all(), "from there on the disc decides"

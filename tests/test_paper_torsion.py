@@ -3,14 +3,22 @@ that predicts unseen turns."""
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
-from hdagen.paper.fitting import difference, fit
+from hdagen.paper.fitting import Fit, difference, fit, turned
 from hdagen.paper.prototype import A, B, Bench, torsion_of
 from hdagen.paper.torsion import ABOVE, SETS, TWICE, bases, curve, held_out, measured, slowly
 
 CHI_SQUARE_999 = 22.46  # six degrees of freedom
+
+
+def standard_error(found: Fit, s: np.ndarray) -> np.ndarray:
+    """Of the fitted curve at turns s, rad."""
+    powers = np.vander(s, 6, increasing=True)
+    return np.sqrt(np.einsum("ti,ij,tj->t", powers, found.covariance, powers))
 
 
 @pytest.mark.parametrize("j", SETS)
@@ -21,18 +29,20 @@ def test_the_published_coefficients_come_back(bench: Bench, j: int, fine: bool) 
     off = (found.coefficients - np.asarray(SETS[j])) / found.errors
     assert np.abs(off).max() < 3 and found.distance(SETS[j]) < CHI_SQUARE_999
     s = np.linspace(0, 1, 101)
-    assert np.abs(curve(found.coefficients, s) - curve(SETS[j], s)).max() < (1e-6 if fine else 6e-5)
+    sure = standard_error(found, s)
+    assert (np.abs(curve(found.coefficients, s) - curve(SETS[j], s)) < 3.5 * sure).all()
+    assert sure.max() < (2e-6 if fine else 6e-5), "two µrad of 3.5 mrad, with 16 µrad of noise and counting in a row"
     wrong = np.asarray(SETS[j]) * [1, 1, 1.3, 1, 1, 1]
     assert not fine or found.distance(wrong) > 10 * CHI_SQUARE_999, "another set is told apart"
 
 
 def test_of_no_torsion_none_is_found(bench: Bench) -> None:
     none = torsion_of(1, (0.0,) * 6)
-    from hdagen.paper.fitting import turned
-
     logs = [(turned(bench, 1, ABOVE[0], way, none, fine=True).log, way, ABOVE[0]) for way in (1, -1)]
     found = fit(logs, 1, 100.0)
-    assert np.abs(curve(found.coefficients, np.linspace(0, 1, 50))).max() < 2e-6
+    s = np.linspace(0, 1, 50)
+    assert (np.abs(curve(found.coefficients, s)) < 3.5 * standard_error(found, s)).all()
+    assert standard_error(found, s).max() < 4e-6
     assert found.distance((0.0,) * 6) < CHI_SQUARE_999
 
 
@@ -40,9 +50,12 @@ def test_the_torsion_does_not_depend_on_the_torque(bench: Bench) -> None:
     """Fig. 14: fits of one torque each are one curve."""
     logs = measured(bench, 1, True).logs
     s = np.linspace(0, 1, 50)
-    fits = [fit([(logs[above, way], way, above) for way in (1, -1)], 1, 100.0).coefficients for above in ABOVE]
-    curves = np.stack([curve(one, s) for one in fits])
-    assert np.ptp(curves, axis=0).max() < 5e-6 < 1e-2 * np.ptp(curves[0])
+    fits = [fit([(logs[above, way], way, above) for way in (1, -1)], 1, 100.0) for above in ABOVE]
+    for one, other in combinations(fits, 2):
+        apart, together = one.coefficients - other.coefficients, one.covariance + other.covariance
+        assert float(apart @ np.linalg.solve(together, apart)) < CHI_SQUARE_999
+    curves = np.stack([curve(one.coefficients, s) for one in fits])
+    assert np.ptp(curves, axis=0).max() < 2.5e-3 * np.ptp(curves[0])
 
 
 def test_the_published_torsion_is_what_the_arm_has() -> None:

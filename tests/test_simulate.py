@@ -232,3 +232,18 @@ def test_wrong_command_lines_are_one_sentence(command: Callable[..., Any], argum
     done = command(*arguments)
     assert done.returncode == 2 and words in done.stderr
     assert "Traceback" not in done.stderr and not done.stdout
+
+
+def test_encoders_have_the_noise_that_is_given_and_nothing_else_changes(arm: Arm) -> None:
+    """Before counting; the noise of current and force of the same seed stays what it was."""
+    controller = Controller(arm, "impedance_cartesian", Guard(Safe.ZERO))
+    still, exact = run(arm, controller, PATH, (), Sensors.exact(2), 4), Sensors.exact(2)
+    noisy = replace(exact, motor_noise=(1e-3, 1e-3), joint_noise=(0.0, 2e-6), current_noise=(0.1, 0.1))
+    found = run(arm, controller, PATH, (), noisy, 4)
+    again = run(arm, controller, PATH, (), replace(noisy, motor_noise=(0.0, 0.0), joint_noise=(0.0, 0.0)), 4)
+    truth = arm.outputs(found.state, np.zeros((len(found.state), 4)))["joint_position"][:, 1]
+    wobble = found.log["joint_position_2"] - truth
+    assert np.std(wobble) == pytest.approx(2e-6, rel=0.1)
+    assert np.array_equal(again.state, still.state)
+    with pytest.raises(PlantError, match="motor_encoder_noise takes 2"):
+        run(arm, controller, PATH, (), Sensors(motor_noise=(1e-3,)), 4)

@@ -63,13 +63,13 @@ static void bridge_input_step(void *const *a) { hda_input_step(a[0], a[1], a[2],
 
 static void bridge_loops_begin(void *const *a) { *(int *)a[6] = hda_loops_begin(a[0], *(int *)a[1], a[2], a[3], a[4], a[5]); }
 
-static void bridge_loops_tick(void *const *a) { hda_loops_tick(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]); }
+static void bridge_loops_tick(void *const *a) { hda_loops_tick(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8]); }
 
 #define HDA_BRIDGE_ENTRIES \
     {"loops_begin", 7, bridge_loops_begin, {{"loops", 'B', sizeof(hda_loops), 1}, {"law", 'i', 1, 0}, {"x0", 'd', HDA_NX, 0}, \
         {"gains", 'd', HDA_LOOPS_WIDEST * HDA_GAINS_MOST, 0}, {"settings", 'd', HDA_LOOPS_SETTINGS, 0}, {"c", 'd', HDA_NC, 0}, {"status", 'i', 1, 1}}}, \
-    {"loops_tick", 8, bridge_loops_tick, {{"loops", 'B', sizeof(hda_loops), 1}, {"reference", 'd', HDA_REFERENCE_MOST, 0}, {"push", 'd', 2, 0}, \
-        {"felt", 'd', 2, 0}, {"c", 'd', HDA_NC, 0}, {"known", 'd', HDA_NC, 0}, {"tip", 'd', HDA_LOOPS_WIDEST * 2, 1}, {"sent", 'd', HDA_LOOPS_WIDEST * HDA_N, 1}}}, \
+    {"loops_tick", 9, bridge_loops_tick, {{"loops", 'B', sizeof(hda_loops), 1}, {"reference", 'd', HDA_REFERENCE_MOST, 0}, {"push", 'd', 2, 0}, \
+        {"felt", 'd', 2, 0}, {"noise", 'd', 2 * HDA_N, 0}, {"c", 'd', HDA_NC, 0}, {"known", 'd', HDA_NC, 0}, {"tip", 'd', HDA_LOOPS_WIDEST * 2, 1}, {"sent", 'd', HDA_LOOPS_WIDEST * HDA_N, 1}}}, \
     {"input_reset", 3, bridge_input_reset, {{"state", 'B', sizeof(hda_input_state), 1}, {"before", 'd', HDA_N, 0}, {"c", 'd', HDA_NC, 0}}}, \
     {"input_step", 6, bridge_input_step, {{"state", 'B', sizeof(hda_input_state), 1}, {"command", 'd', HDA_N, 0}, {"c", 'd', HDA_NC, 0}, \
         {"h", 'd', 1, 0}, {"mean", 'd', HDA_N, 1}, {"at_end", 'd', HDA_N, 1}}}, \

@@ -187,8 +187,8 @@ static void send(hda_loops *loops, double raw[][HDA_LOOPS_WIDEST], double later[
     }
 }
 
-void hda_loops_tick(hda_loops *loops, const double *reference, const double *push, const double *felt, const double *c, const double *known,
-                    double *tip, double *sent) {
+void hda_loops_tick(hda_loops *loops, const double *reference, const double *push, const double *felt, const double *noise, const double *c,
+                    const double *known, double *tip, double *sent) {
     double seen[2 * HDA_N][HDA_LOOPS_WIDEST], at[2][HDA_LOOPS_WIDEST], measured[2 * HDA_N + 2][HDA_LOOPS_WIDEST];
     double raw[HDA_N][HDA_LOOPS_WIDEST], later[HDA_MEMORY_MOST][HDA_LOOPS_WIDEST], input[HDA_N][HDA_LOOPS_WIDEST];
     const double *s = loops->settings;
@@ -196,7 +196,7 @@ void hda_loops_tick(hda_loops *loops, const double *reference, const double *pus
     const long late = loops->ticks < delay ? 0 : (loops->ticks - delay) % (HDA_LOOPS_LATE + 1);
     sense(loops, c, seen, at);
     for (int i = 0; i < 2 * HDA_N; i++) {
-        for (int lane = 0; lane < WIDTH; lane++) loops->seen[now][i][lane] = read_out(seen[i][lane], s[3 + i]);
+        for (int lane = 0; lane < WIDTH; lane++) loops->seen[now][i][lane] = read_out(seen[i][lane] + noise[i], s[3 + i]);
     }
     for (int i = 0; i < 2; i++) loops->felt[now][i] = felt[i];
     for (int lane = 0; lane < WIDTH; lane++) {

@@ -1,7 +1,7 @@
 /* Closed loops in lanes: controller, sensors and arm of hda_loops_width() trajectories at once, tick by tick.
  *
  *     hda_loops_begin(&loops, law, x0, gains, settings, c);          // gains: hda_loops_width() rows
- *     every tick: hda_loops_tick(&loops, reference, push, felt, c, known, tip, sent);
+ *     every tick: hda_loops_tick(&loops, reference, push, felt, noise, c, known, tip, sent);
  *
  * Dry friction has the smooth sign; torques are limited in size and rate as the guard limits them, and a torque that is not
  * finite stays what it was. Faults are not looked for: a trajectory that leaves all bounds becomes NaN and stays so. */
@@ -43,10 +43,10 @@ HDA_API int hda_loops_width(void);
 HDA_API int hda_loops_begin(hda_loops *loops, int law, const double *x0, const double *gains, const double *settings,
                             const double *c);
 
-/* One tick: `push` (2) acts on the tip, `felt` (2) is what the force sensor says of it; c of the arm, `known` that of the controller's
- * model. Writes the tip at the tick's instant (width, 2) and the torques sent (width, HDA_N). */
+/* One tick: `push` (2) acts on the tip, `felt` (2) is what the force sensor says of it, `noise` (2 HDA_N) is added to what the encoders of
+ * motors and joints see before they count; c of the arm, `known` that of the controller's model. Writes the tip at the tick's instant (width, 2) and the torques sent (width, HDA_N). */
 HDA_API void hda_loops_tick(hda_loops *loops, const double *reference, const double *push, const double *felt,
-                            const double *c, const double *known, double *tip, double *sent);
+                            const double *noise, const double *c, const double *known, double *tip, double *sent);
 
 #ifdef __cplusplus
 }

@@ -9,6 +9,7 @@ import numpy as np
 
 from hdagen.mpc.configuration import Configuration
 from hdagen.plant import Arm, Array, PlantError
+from hdagen.readings import encoder_noise
 
 SOLVERS = ("riccati", "osqp", "interior")
 FAMILIES = ("motor_torque", "torque_rate", "joint_position", "motor_speed", "joint_torque", "tip_speed", "wall")
@@ -123,8 +124,8 @@ def _widths(arm: Arm, c: Configuration, rotor: Array) -> list[float]:
 def _noise(arm: Arm, c: Configuration, rotor: Array, mass: Array) -> list[float]:
     n, sensors = arm.n, [joint["sensor"] for joint in arm.robot["joints"]]
     out = []
-    for name in ("motor_encoder_resolution", "joint_encoder_resolution"):
-        out += [max(sensor[name] / np.sqrt(12), 1e-7) for sensor in sensors]
+    for side in ("motor", "joint"):
+        out += [max(encoder_noise(sensor, side), 1e-7) for sensor in sensors]
     out += list(np.array(each(c["estimator.torque"], n, "estimator.torque", "joints")) / rotor)
     out += list(np.array(each(c["estimator.load"], n, "estimator.load", "joints")) / mass)
     out += each(c["estimator.disturbance"], n, "estimator.disturbance", "joints")

@@ -27,6 +27,8 @@ class Bottle:
     at: tuple[float, float]
     period: float = 1e-3
     mass: float = MASS
+    stiffness: float = STIFFNESS
+    friction: float = FRICTION
     force: list[Array] = field(default_factory=list)
     place: list[Array] = field(default_factory=list)
     depth: list[float] = field(default_factory=list)
@@ -41,7 +43,7 @@ class Bottle:
         n = away / distance if distance else np.array([0.0, 1.0])
         depth = RADIUS - distance
         closing = -float(n @ (velocity - self.v))
-        push = max(STIFFNESS * depth + DAMPING * closing, 0.0) * n if depth > 0 else np.zeros(2)
+        push = max(self.stiffness * depth + DAMPING * closing, 0.0) * n if depth > 0 else np.zeros(2)
         self.force.append(push)
         self.place.append(self.p.copy())
         self.depth.append(depth)
@@ -50,7 +52,7 @@ class Bottle:
 
     def _slide(self, push: Array) -> None:
         """Coulomb friction: at rest it holds, in motion it opposes and stops."""
-        level, h = FRICTION * self.mass * GRAVITY, self.period / PARTS
+        level, h = self.friction * self.mass * GRAVITY, self.period / PARTS
         for _ in range(PARTS):
             speed = float(np.hypot(*self.v))
             if speed == 0.0:

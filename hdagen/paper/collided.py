@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from hdagen.paper.bottle import FRICTION, GRAVITY, MASS, RADIUS, Bottle
+from hdagen.paper.bottle import FRICTION, GRAVITY, MASS, RADIUS, STIFFNESS, Bottle
 from hdagen.paper.prototype import CENTER, PERIOD, TURN, Bench
 from hdagen.paper.prototype import RADIUS as CIRCLE
 from hdagen.paper.tracking import Tracked, tracked
@@ -70,15 +70,22 @@ class Collided:
         }  # fmt: skip
 
 
-def collided(bench: Bench, law: str, mbk: tuple[float, float, float], fine: bool = False) -> Collided:
+def collided(
+    bench: Bench,
+    law: str,
+    mbk: tuple[float, float, float],
+    fine: bool = False,
+    stiffness: float = STIFFNESS,
+    friction: float = FRICTION,
+) -> Collided:
     """Two circles, the bottle in the way of the first."""
 
     def make() -> Collided:
-        world = Bottle(PLACE)
+        world = Bottle(PLACE, stiffness=stiffness, friction=friction)
         found = tracked(bench, law, mbk, (), SECONDS, fine, world=world)
         return Collided(found, np.array(world.force), np.array(world.place), np.array(world.depth))
 
-    return bench.once(("collided", law, mbk, fine), make)
+    return bench.once(("collided", law, mbk, fine, stiffness, friction), make)
 
 
 def sets(bench: Bench, law: str, published: bool = False) -> list[Collided]:

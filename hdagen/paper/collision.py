@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hdagen.paper.bottle import FRICTION, GRAVITY, MASS, RADIUS
+from hdagen.paper.bottle import FRICTION, GRAVITY, MASS, RADIUS, STIFFNESS
 from hdagen.paper.collided import (
     BY_B,
     BY_K,
@@ -29,13 +29,26 @@ from hdagen.plant import Array
 def fig18(bench: Bench) -> Result:
     """The set-up, the bottle's path, force and clearance."""
     runs = sets(bench, "admittance")
+    predictive = collided(bench, "predictive", SENSIBLE[0])
     parts = [
         _plan(runs[0], runs[2]),
-        _over_time("contact force", "force on the tip (N)", runs, [np.linalg.norm(one.force, axis=1) for one in runs]),
+        _over_time(
+            "contact force",
+            "force on the tip (N)",
+            runs,
+            [np.linalg.norm(one.force, axis=1) for one in runs],
+            Curve(
+                "predictive, set 1",
+                predictive.run.log.time,
+                np.linalg.norm(predictive.force, axis=1),
+                color="ink",
+                dash="dotted",
+            ),
+        ),
         _over_time("way of the bottle", "slid (m)", runs, [np.linalg.norm(r.place - r.place[0], axis=1) for r in runs]),
         _over_time("clearance of tip and bottle", "distance (m)", runs, [-one.depth for one in runs]),
     ]
-    numbers = {f"set_{k + 1}": one.numbers() for k, one in enumerate(runs)}
+    numbers = {f"set_{k + 1}": one.numbers() for k, one in enumerate(runs)} | {"predictive": predictive.numbers()}
     first = numbers["set_1"]
     claims = [
         Claim(
@@ -59,8 +72,8 @@ def fig18(bench: Bench) -> Result:
         claims,
         numbers,
         2,
-        _choices(),
-        {"set1": runs[0].run.log},
+        _choices(bench),
+        {f"set{k}": one.run.log for k, one in enumerate(runs, 1)} | {"predictive": predictive.run.log},
     )
 
 
@@ -78,16 +91,17 @@ def _plan(stiff: Collided, soft: Collided) -> Axes:
     return Axes("(b) from above", "x (m)", "y (m)", curves, equal=True)
 
 
-def _over_time(heading: str, label: str, runs: Sequence[Collided], values: Sequence[Array]) -> Axes:
-    """A curve for each set."""
+def _over_time(heading: str, label: str, runs: Sequence[Collided], values: Sequence[Array], *beside: Curve) -> Axes:
+    """A curve for each set, and others beside them."""
     curves = [
         Curve(f"set {k}", one.run.log.time, column) for k, (one, column) in enumerate(zip(runs, values, strict=True), 1)
     ]
-    return Axes(heading, "time (s)", label, curves)
+    return Axes(heading, "time (s)", label, [*curves, *beside])
 
 
 def _trajectories(bench: Bench, name: str, law: str) -> Result:
     found = {"": sets(bench, law), "Table V, ": sets(bench, law, published=True)}
+    predictive = collided(bench, "predictive", SENSIBLE[1])
     parts = []
     for words, runs in found.items():
         for axis, letter in enumerate("xy"):
@@ -95,7 +109,13 @@ def _trajectories(bench: Bench, name: str, law: str) -> Result:
             curves = [
                 Curve("trajectory input", time, runs[0].run.path[:, axis], color="grey", dash="dashed", width=1.0)
             ]
-            curves += [Curve(f"MBK{k + 1}", time, _seen(one)[:, axis]) for k, one in enumerate(runs)]
+            curves += [
+                Curve(f"MBK{k + 1}", time, _seen(one)[:, axis], width=width)
+                for k, (one, width) in enumerate(zip(runs, (2.6, 1.9, 1.2), strict=True))
+            ]
+            if not words:
+                tip = predictive.run.simulation.tip[:, axis]
+                curves.append(Curve("predictive, MBK2", time, tip, color="ink", dash="dotted", width=1.2))
             label = f"({'ab'[axis]}) {letter}-direction" if not words else f"{words}{letter}"
             parts.append(Axes(label, "time (s)", f"{letter} (m)", curves))
     numbers: dict[str, object] = {
@@ -109,7 +129,12 @@ def _trajectories(bench: Bench, name: str, law: str) -> Result:
     numbers["vibration"] = vibrations(bench, law)
     if law == "impedance":
         numbers["start"] = starts(bench)
-    logs = {f"set{k + 1}": one.run.log for k, one in enumerate(found[""])}
+    logs = {
+        f"{'table5_' if words else ''}set{k}": one.run.log
+        for words, runs in found.items()
+        for k, one in enumerate(runs, 1)
+    }
+    logs["predictive_set2"] = predictive.run.log
     return Result(name, f"Collision, {law} control", text, parts, _claims(law, bench), numbers, 2, logs=logs)
 
 
@@ -208,73 +233,12 @@ def _start(bench: Bench) -> Claim:
     )
 
 
-def fig21(bench: Bench) -> Result:
-    """Both controllers with like compliance."""
-    one, two = (collided(bench, law, SENSIBLE[1]) for law in ("impedance", "admittance"))
-    fine = [collided(bench, law, SENSIBLE[1], fine=True) for law in ("impedance", "admittance")]
-    time = one.run.log.time
-    apart, apart_fine = (
-        np.linalg.norm(a.run.simulation.tip - b.run.simulation.tip, axis=1) for a, b in ((one, two), fine)
-    )
-    touching = (one.depth > 0) | (two.depth > 0)
-    parts = [
-        Axes(
-            f"{letter}-direction",
-            "time (s)",
-            f"{letter} (m)",
-            [
-                Curve("trajectory input", time, one.run.path[:, axis], color="grey", dash="dashed", width=1.0),
-                Curve("impedance", time, one.run.simulation.tip[:, axis], color="blue", dash="solid"),
-                Curve("admittance", time, two.run.simulation.tip[:, axis], color="vermilion", dash="dashed"),
-            ],
-        )
-        for axis, letter in enumerate("xy")
-    ]
-    parts.append(
-        Axes(
-            "distance of the two tips",
-            "time (s)",
-            "distance (m)",
-            [Curve("Hall sensors", time, apart), Curve("4096 counts", time, apart_fine)],
-        )
-    )
-    published = collided(bench, "impedance", TABLE_5["impedance"][1])
-    numbers = {
-        "mean_apart": apart.mean(),
-        "mean_apart_touching": apart[touching].mean(),
-        "mean_apart_4096": apart_fine.mean(),
-        "mean_apart_touching_4096": apart_fine[touching].mean(),
-        "published_impedance_lost_at": published.run.lost,
-    }
-    claims = [
-        Claim(
-            "position tracking of both controllers is similar, 0.135 mm apart in the mean when colliding",
-            f"{1e3 * apart.mean():.2f} mm in the mean ({1e3 * apart[touching].mean():.2f} mm while touching); with "
-            f"4096 counts {1e3 * apart_fine.mean():.2f} mm ({1e3 * apart_fine[touching].mean():.2f} mm)",
-            bool(apart.mean() < 0.135e-3),
-            f"M, B, K of {SENSIBLE[1]} in both; the published pair cannot be compared, its impedance set stops the "
-            f"arm at {published.run.lost} s. 0.135 mm is a third of the way by which a count of joint 1's Hall sensor "
-            "moves the tip, 0.37 mm",
-        ),
-        Claim(
-            "an approximate inverse relationship of the two controllers' parameters",
-            "equal M, B and K give equal compliance in both laws here",
-            False,
-            "Table III's masses differ by 10⁶ because the impedance set is in another unit or another law; (25) and "
-            "(26) have the same M, B, K",
-        ),
-    ]
-    text = f"Both controllers with M, B, K = {SENSIBLE[1]} against the bottle."
-    logs = {"impedance": one.run.log, "admittance": two.run.log}
-    return Result("fig21", "Collision: both controllers compared", text, parts, claims, numbers, 2, logs=logs)
-
-
 def table5(bench: Bench) -> Result:
     """The sets and what they do."""
     rows: list[tuple[str | float | None, ...]] = []
     numbers: dict[str, Mapping[str, float | None]] = {}
-    for law in ("admittance", "impedance"):
-        for published in (True, False):
+    for law in ("admittance", "impedance", "predictive"):
+        for published in (True, False) if law in TABLE_5 else (False,):
             for k, (mbk, one) in enumerate(
                 zip(TABLE_5[law] if published else SENSIBLE, sets(bench, law, published), strict=True)
             ):
@@ -317,16 +281,28 @@ def table5(bench: Bench) -> Result:
     return Result("table5", "Parameters of the collision experiment", text, [grid], claims, numbers, 1)
 
 
-def _choices() -> list[Choice]:
+def _choices(bench: Bench) -> list[Choice]:
+    def words(stiffness: float = STIFFNESS, friction: float = FRICTION) -> str:
+        found = collided(bench, "admittance", SENSIBLE[0], stiffness=stiffness, friction=friction).numbers()
+        return f"{found['largest_force']:.1f} N, slid {1e3 * (found['slid'] or 0.0):.1f} mm"
+
+    def off(law: str) -> str:
+        runs = sets(bench, law, published=True)
+        return " / ".join(
+            f"{1e3 * one.pushed_back:.1f} mm" if one.run.lost is None else f"stopped at {one.run.lost:.2f} s"
+            for one in runs
+        )
+
     return [
         Choice(
             "place, stiffness and friction of the bottle",
-            f"{1e3 * DEEP:g} mm inside the circle's top, 5000 N/m, μ = {FRICTION:g}",
-            "a stiffer wall raises the first force peak; a smaller μ lets even soft sets move it",
+            f"{1e3 * DEEP:g} mm inside the circle's top, {STIFFNESS:g} N/m, μ = {FRICTION:g}: set 1 presses with "
+            f"{words()}",
+            f"20 000 N/m: {words(stiffness=2e4)}; μ = 0.15: {words(friction=0.15)}",
         ),
         Choice(
             "parameters of Figs. 19 to 21",
             "sets with Table V's intent, equal for both controllers",
-            "as published: drawn below them",
+            f"as published: admittance {off('admittance')}; impedance {off('impedance')}",
         ),
     ]

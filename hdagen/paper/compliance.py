@@ -12,9 +12,12 @@ import numpy as np
 from hdagen.paper.answer import answers, ideally
 from hdagen.paper.prototype import (
     BANDS,
+    LAWS,
     PERIOD,
     PUSH,
     PUSHES,
+    RADIUS,
+    TURN,
     Bench,
     cartesian,
     pushed,
@@ -22,12 +25,15 @@ from hdagen.paper.prototype import (
 )
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Result
 from hdagen.plant import Array
+from hdagen.reference import circle
 from hdagen.simulate import Simulation
 
 SECONDS = 10.0
 BASE = {"M": 4.0, "B": 40.0, "K": 500.0}  # kg, N s/m, N/m, assumed: damping ratio 0.45, so that overshoot is seen
 VARIED = {"M": (1.0, 4.0, 16.0), "B": (20.0, 40.0, 80.0), "K": (250.0, 500.0, 1000.0)}
+SEEN = 0.02  # overshoot that is seen beside noise and friction; less counts as this
 FLAT = 0.3  # power of K with which settling may go and still count as not going with it
+CIRCLES = ((0.2, 0.0, 2.5), (0.2, 0.0, 10.0), (0.15, 0.1, TURN))  # m, m, s a turn: tried beside the one of III.C
 UNITS = {"M": "kg", "B": "N s/m", "K": "N/m"}
 
 
@@ -105,10 +111,10 @@ def _figure(bench: Bench, name: str, law: str) -> Result:
         f"{law.capitalize()} control, M, B and K varied",
         text,
         parts,
-        _claims(law, every, fine, gap),
+        [*_claims(law, every, fine, gap), *([_alike(bench)] if law == "impedance" else [])],
         {"answers": numbers, "largest_gap_to_ideal": gap, "kept": kept(every), "kept_4096": kept(fine)},
         2,
-        _choices(),
+        _choices(bench, law, every),
         logs,
     )
 
@@ -135,6 +141,11 @@ def _table(every: Mapping[str, Varied]) -> Grid:
     return Grid("settling to 10 % after the push, swing past the path, largest displacement", columns, rows, digits=3)
 
 
+def _answer(found: Array) -> str:
+    settling, overshoot, largest = found
+    return f"settled after {settling:.2f} s, overshoot {100 * overshoot:.0f} %, {1e3 * largest:.1f} mm"
+
+
 def _words(values: Array, unit: str, scale: float = 1.0) -> str:
     return " / ".join("never" if np.isnan(v) else f"{scale * v:.3g}" for v in values) + f" {unit}"
 
@@ -153,6 +164,32 @@ def kept(every: Mapping[str, Varied]) -> dict[str, bool]:
     spread = np.log(K[..., 0].max(axis=0) / K[..., 0].min(axis=0)) / np.log(max(VARIED["K"]) / min(VARIED["K"]))
     found["K settles"] = bool((spread < FLAT).all())
     return found
+
+
+def trends(every: Mapping[str, Varied]) -> Array:
+    """Powers with which settling and overshoot go with M and B in x and y, from the least to the largest: (2, 2, 2)."""
+    found = []
+    for letter in "MB":
+        ends = every[letter].answers()[0][[0, -1], :, :2]
+        ends[..., 1] = np.maximum(ends[..., 1], SEEN)
+        found.append(np.log(ends[1] / ends[0]) / np.log(VARIED[letter][-1] / VARIED[letter][0]))
+    return np.array(found)
+
+
+def _alike(bench: Bench) -> Claim:
+    """Whether both laws go alike with B and M."""
+    apart, words = {}, []
+    for fine in (False, True):
+        both = [trends({letter: varied(bench, law, letter, fine) for letter in VARIED}) for law in LAWS]
+        apart[fine] = float(np.abs(both[0] - both[1]).max())
+        differ = f"{apart[fine]:.2f}" if np.isfinite(apart[fine]) else "impedance control does not settle for every set"
+        words.append(f"{'4096 counts' if fine else 'Hall sensors'}: {differ}")
+    return Claim(
+        "the two compliance control methods have similar trends for adjusting parameters B and M",
+        f"powers of M and B with which settling and overshoot go differ by at most, {'; '.join(words)}",
+        bool(apart[True] < FLAT),
+        f"held alike below {FLAT:g}, with encoders that let both laws follow their M, B and K",
+    )
 
 
 def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], gap: Mapping[str, float]) -> list[Claim]:
@@ -202,7 +239,15 @@ def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], g
     ]
 
 
-def _choices() -> list[Choice]:
+def _choices(bench: Bench, law: str, every: Mapping[str, Varied]) -> list[Choice]:
+    own = every["M"].answers()[0][1, 0]
+    words = []
+    for x, y, turn in CIRCLES:
+        path = circle(RADIUS, (x, y), turn, SECONDS)
+        make = partial(pushed, bench, law, cartesian(*BASE.values()), path)
+        run = bench.once((law, x, y, turn), make)
+        found = answers((run.tip - path.position)[:, None], PUSHES, PERIOD)[0, 0]
+        words.append(f"({x:g}, {y:g}) m, {turn:g} s: {_answer(found)}")
     return [
         Choice(
             "M, B, K and the force of Fig. 11 and 12",
@@ -211,7 +256,7 @@ def _choices() -> list[Choice]:
         ),
         Choice(
             "centre and speed of the circle",
-            "(0.2, 0) m, 5 s a turn",
-            "the compliance hardly depends on it away from the straight arm",
+            f"(0.2, 0) m, 5 s a turn: {_answer(own)} in x",
+            "; ".join(words),
         ),
     ]

@@ -21,9 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot
 
 WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a part alone, a row of parts, a row of a table
+LEGEND, LEGEND_ROOM = 7.5, 262.0  # points: its letters, and how wide it may be
 MOST = 4000  # samples of a curve; each stretch keeps its smallest and its largest
 STYLE: Any = {
-    "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": 7.5,
+    "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": LEGEND,
     "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.35, "grid.linewidth": 0.5,
     "font.family": "DejaVu Sans", "figure.dpi": 100, "savefig.facecolor": "white",
 }  # fmt: skip
@@ -95,10 +96,7 @@ def _axes(plot: Plot, part: Axes) -> None:
     up = fit(part.y_label, columns[1], log=part.log_y).quantity
     for at, curve in enumerate(part.curves):
         _curve(plot, curve, at, across, up)
-    for begin, end, words in part.bands:
-        plot.axvspan(begin * across.factor, end * across.factor, color="#1b1f24", alpha=0.07, linewidth=0)
-        height = (begin * across.factor, 0.99)
-        plot.annotate(words, height, xycoords=("data", "axes fraction"), fontsize=7, va="top", alpha=0.75)
+    _bands(plot, part, across)
     for x, y, words in part.marks:
         plot.plot([x * across.factor], [y * up.factor], "o", color="#1b1f24", markersize=4, fillstyle="none")
         plot.annotate(words, (x * across.factor, y * up.factor), (5, 4), textcoords="offset points", fontsize=7)
@@ -106,11 +104,45 @@ def _axes(plot: Plot, part: Axes) -> None:
     plot.set_yscale("log" if part.log_y else "linear")
     if part.equal:
         plot.set_aspect("equal", adjustable="datalim")
-    plot.set_title(part.heading, loc="left", fontweight="bold")
+    if part.log_y:
+        _decades(plot)
     plot.set_xlabel(across.label)
     plot.set_ylabel(up.label)
-    if any(curve.label for curve in part.curves):
-        plot.legend(loc="best", framealpha=0.85, borderpad=0.3, handlelength=2.2)
+    _headed(plot, part.heading)
+
+
+def _bands(plot: Plot, part: Axes, across: Quantity) -> None:
+    """Shaded stretches; the legend says once what each is."""
+    said: set[str] = set()
+    for begin, end, words in part.bands:
+        label = words if words not in said else None
+        shade = 0.08 if not said or words in said else 0.16
+        plot.axvspan(begin * across.factor, end * across.factor, color="#1b1f24", alpha=shade, linewidth=0, label=label)
+        said.add(words)
+
+
+def _decades(plot: Plot) -> None:
+    """Plain numbers on a logarithmic axis, few enough to be read."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    plot.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    plot.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    plot.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _headed(plot: Plot, heading: str) -> None:
+    """The heading, and below it, outside the axes, the legend in as many columns as fit: nothing covers a curve."""
+    handles, labels = plot.get_legend_handles_labels()
+    rows = 0
+    if labels:
+        widths = [text_width(label, LEGEND) + 3.6 * LEGEND for label in labels]
+        columns = max(1, min(len(labels), int(LEGEND_ROOM / max(widths))))
+        rows = -(-len(labels) // columns)
+        plot.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, frameon=False,
+            borderpad=0.1, borderaxespad=0.2, handlelength=2.2, columnspacing=1.2, labelspacing=0.25,
+        )  # fmt: skip
+    plot.set_title(heading, loc="left", fontweight="bold", pad=4 + 11.5 * rows)
 
 
 def _curve(plot: Plot, curve: Curve, at: int, across: Quantity, up: Quantity) -> None:

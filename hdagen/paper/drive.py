@@ -116,7 +116,7 @@ def table2(bench: Bench) -> Result:
         ]),
     ]  # fmt: skip
     numbers = {"speed_reached": reached, "start_current": start, "current_with_gear": needed, "stall_current": stall}
-    logs = {"motor_alone": runs["motor alone"].log, "with_gear": runs[f"the same at {needed:.2f} A"].log}
+    logs = dict(zip(("motor_alone", "with_friction", "with_gear"), (run.log for run in runs.values()), strict=True))
     robots = {"motor_alone": bench.robot_file(GEARLESS)}
     text = (
         "The drive of joint 1 spun up by a constant current; speeds are differences of what the Hall sensor says "
@@ -190,13 +190,22 @@ def fig3b(bench: Bench) -> Result:
     parts = [Axes("input locked, load of 6 s a turn", "torsion (rad)", "joint torque (N m)", curves)]
     choice = Choice(
         "shape of the loop", "a Dahl element, ψ/2 of half height times the stiffness at no torque, turning over 1e-4 "
-                        "rad",
-        "none (the paper's laws): no loop; the catalogue gives the width and not the shape",
+                        f"rad: {width:.3g} rad wide, {loss * 1e3:.2f} mJ a turn",
+        f"turning over {'; '.join(_turning(bench, load, angle, turn) for angle in (5e-5, 2e-4))}; none (the paper's "
+        "laws): no loop; the catalogue gives the width and not the shape",
     )  # fmt: skip
     text = "Joint 1 of the straight arm, its motor held, loaded slowly by a force across the tip."
     numbers = {"width": width, "width_of_laws_alone": none, "loss_per_turn": loss, "psi": PSI}
-    robots = {"loaded": bench.robot_file(HELD)}
-    return Result("fig3b", "Hysteresis effect", text, parts, claims, numbers, 1, [choice], {"loaded": run.log}, robots)
+    logs = {"loaded": run.log, "springs_alone": law.log}
+    robots = {"loaded": bench.robot_file(HELD), "springs_alone": bench.robot_file(HELD | REVERSIBLE)}
+    return Result("fig3b", "Hysteresis effect", text, parts, claims, numbers, 1, [choice], logs, robots)
+
+
+def _turning(bench: Bench, load: Array, angle: float, turn: slice) -> str:
+    """What the loop is with a hysteresis that turns over another angle, rad."""
+    run, _, truth = _locked(bench, load, {"hysteresis_angle_1": angle})
+    loss = abs(float(np.trapezoid(run.joint_torque[turn, 0], truth[turn])))
+    return f"{angle:g} rad: {_width(truth[3000:], run.joint_torque[3000:, 0]):.3g} rad wide, {loss * 1e3:.2f} mJ"
 
 
 def fig8(bench: Bench) -> Result:

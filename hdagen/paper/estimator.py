@@ -17,13 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdagen.channels import describe
 from hdagen.log import Log
 from hdagen.paper.prototype import PERIOD
 from hdagen.plant import Arm, Array
 
 Rows = NDArray[np.bool_]
-SMOOTHING = 0.061  # s of the cubics: a fifth of the period of the fastest motion here
+PASSED = 0.6  # periods in a window of cubics, of an oscillation that they pass to 1 %
+HAND = 10.0  # Hz, assumed: a hand's force has nothing faster
 HALL_SMOOTHING = 0.201  # where a count of the motor is three times the torsion of the friction
+CERTAIN = 1.0  # standard deviations from which a change of the torsion is taken for one
 MOVING = 0.05  # rad/s of the joint: slower, dry friction has no known sign
 
 
@@ -36,9 +39,12 @@ class Estimates:
     current: Array
 
 
-def estimated(model: Arm, log: Log, zero: Array | float = 0.0, smoothing: float = SMOOTHING) -> Estimates:
+def estimated(
+    model: Arm, log: Log, zero: Array | float = 0.0, smoothing: float = PASSED / HAND, certainly: float = CERTAIN
+) -> Estimates:
     """The estimates by ``model``, which holds what is known of springs and kinematic torsion; ``zero`` (n, rad) is
-    added to the disc's angles."""
+    added to the disc's angles. Angles are smoothed over ``smoothing`` s; what of the torsion is less than
+    ``certainly`` standard deviations of their noise winds no hysteresis."""
     raw = _columns(log, "motor_position", model.n), _columns(log, "joint_position", model.n) + zero
     current = _columns(log, "motor_current", model.n)
     p = model.parameters
@@ -51,7 +57,8 @@ def estimated(model: Arm, log: Log, zero: Array | float = 0.0, smoothing: float 
     omega, v = (_smooth(values, smoothing, 1) for values in raw)
     springs, at = _series(model, *raw), _series(model, theta, q)
     phi = model.evaluate("torsion", joint_torque=at)["torsion"]
-    wound = np.stack([hysteresis(phi[:, j], angle[j]) for j in range(model.n)], axis=1)
+    width = certainly * noise(model, log, smoothing)
+    wound = np.stack([hysteresis(followed(phi[:, j], width[j]), angle[j]) for j in range(model.n)], axis=1)
     whole = at + height * wound + damping * (omega / ratio - v)
     a = _smooth(raw[1], smoothing, 2)
     motor = constant * _smooth(current, smoothing) - ratio * (inertia * a + viscous * v) - friction * np.sign(v)
@@ -65,8 +72,12 @@ def _columns(log: Log, name: str, n: int) -> Array:
 def _smooth(values: Array, seconds: float, derivative: int = 0) -> Array:
     from scipy.signal import savgol_filter
 
-    rows = 2 * int(seconds / PERIOD / 2) + 1
-    return savgol_filter(values, rows, 3, deriv=derivative, delta=PERIOD, axis=0)
+    return savgol_filter(values, _rows(seconds), 3, deriv=derivative, delta=PERIOD, axis=0)
+
+
+def _rows(seconds: float) -> int:
+    """Of a window, an odd number."""
+    return 2 * int(seconds / PERIOD / 2) + 1
 
 
 def _series(model: Arm, theta: Array, q: Array) -> Array:
@@ -78,14 +89,38 @@ def _series(model: Arm, theta: Array, q: Array) -> Array:
     return found["series"]
 
 
+def noise(model: Arm, log: Log, smoothing: float) -> Array:
+    """Standard deviation of φ (n, rad) by the noise of both encoders that the log shows, smoothed."""
+    from scipy.signal import savgol_coeffs
+
+    left = float(np.linalg.norm(savgol_coeffs(_rows(smoothing), 3)))
+    found = []
+    for j in range(1, model.n + 1):
+        motor, joint = (describe(name, log[name]).noise for name in (f"motor_position_{j}", f"joint_position_{j}"))
+        found.append(left * np.hypot(motor / model.parameters[f"ratio_{j}"], joint))
+    return np.array(found)
+
+
+def followed(phi: Array, width: float) -> Array:
+    """φ (T,) less what moves by ``width`` and back: it rests until φ is farther off than that, and is then drawn
+    along. Noise alone would unwind a hysteresis, for which every step counts."""
+    out, now = np.empty(len(phi)), float(phi[0])
+    for k, value in enumerate(phi.tolist()):
+        now = min(max(now, value - width), value + width)
+        out[k] = now
+    return out
+
+
 def hysteresis(phi: Array, angle: float) -> Array:
-    """z of dz = (dφ − |dφ| z)/δ along φ (T,), exact from row to row, from 0; ``angle`` is δ (none: 0)."""
+    """z of dz = (dφ − |dφ| z)/δ along φ (T,), exact from row to row; ``angle`` is δ (none: 0). It begins as if loaded
+    once from nothing to the first φ."""
     z = np.zeros(len(phi))
     if angle <= 0:
         return z
+    z[0] = np.sign(phi[0]) * -np.expm1(-abs(phi[0]) / angle)
     steps = np.diff(phi)
     decay, signs = np.exp(-np.abs(steps) / angle).tolist(), np.sign(steps).tolist()
-    now = 0.0
+    now = float(z[0])
     for k, (left, sign) in enumerate(zip(decay, signs, strict=True), 1):
         now = sign + (now - sign) * left
         z[k] = now

@@ -60,7 +60,8 @@ def turned(
     current[:, j - 1] = begun * direction * torque / arm.parameters[f"torque_constant_{j}"]
     q = np.zeros(2)
     q[j - 1] = 0.0 if direction > 0 else 2 * np.pi * turns
-    return driven(arm, current, np.zeros((len(current), 2)), q, fine_sensors() if fine else None, seed=j)
+    seed = 1000 * j + round(1e4 * above) + (500 if direction > 0 else 0)  # no two logs have the same noise
+    return driven(arm, current, np.zeros((len(current), 2)), q, fine_sensors() if fine else None, seed)
 
 
 def difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:

@@ -8,8 +8,20 @@ from collections.abc import Mapping
 import numpy as np
 
 from hdagen.log import Log
-from hdagen.paper.estimator import HALL_SMOOTHING, SMOOTHING, Estimates, Rows, estimated, rms
-from hdagen.paper.prototype import PERIOD, A, B, Bench, Driven, driven, fine_sensors, torsion_of, turns, uncompensated
+from hdagen.paper.estimator import HALL_SMOOTHING, HAND, PASSED, Estimates, Rows, estimated, rms
+from hdagen.paper.prototype import (
+    PERIOD,
+    STRUCTURE,
+    A,
+    B,
+    Bench,
+    Driven,
+    driven,
+    fine_sensors,
+    torsion_of,
+    turns,
+    uncompensated,
+)
 from hdagen.paper.torsion import measured
 from hdagen.paper.tracking import predictive
 from hdagen.plant import Arm, Array
@@ -22,15 +34,15 @@ BEGUN = 1.0  # s that count as the start
 LIMIT = 1.9e-3  # rad of torsion: nearly as far as the laws have an inverse
 BAR, BETTER = 0.05, 3.0  # of the peak torque; times
 HELD, MARK = 11.0, 0.02  # N, rad, assumed: a hand on the handle; the way to the disc's index mark
+NONE, LEANED, OFF_CENTRE = "none of these", "leaned on before the log began", "disc off centre by 20 µm"
+HELD_THEN = "held by the handle when it begins"
 ZEROED = "zero of the disc taken while held, until its mark comes by"
 CAUSES: dict[str, tuple[dict[str, float], str]] = {  # changes of the arm, what went before the log
-    "none of these": ({}, ""),
-    "leaned on before the log began": ({}, "leaned"),
-    "disc off centre by 20 µm": ({"eccentricity_cosine_1": 5e-4, "eccentricity_cosine_2": 5e-4}, ""),
-    "play of 1 arcmin in the printed parts": ({"backlash_angle_1": 2.9e-4, "backlash_angle_2": 2.9e-4}, ""),
-    "links that bend at 24 Hz": ({"link_share_1": 0.2, "link_share_2": 0.2}, ""),
-    "mounting that yields": ({"base_compliance_1": 2e-5}, ""),
-    "held by the handle when it begins": ({}, "held"),
+    NONE: ({}, ""),
+    LEANED: ({}, "leaned"),
+    OFF_CENTRE: ({"eccentricity_cosine_1": 5e-4, "eccentricity_cosine_2": 5e-4}, ""),
+    **{name: (changes, "") for name, changes in STRUCTURE.items()},
+    HELD_THEN: ({}, "held"),
     ZEROED: ({}, "held"),
 }
 
@@ -53,11 +65,12 @@ def handled(
     """The handle pushed to and fro for 10 s; powered: both motors give 4 N m at the joint, slowly to and fro.
     ``before``: "leaned", the arm had been leaned on before the log begins; "held", a hand holds it when it begins."""
     early = round(2.0 / PERIOD) if before else 0
-    time = (np.arange(round(10.0 / PERIOD) + early) - early) * PERIOD
+    time = np.asarray((np.arange(round(10.0 / PERIOD) + early) - early) * PERIOD, float)
     push = np.zeros((len(time), 2))
     push[:, 1] = 20.0 * np.sin(2 * np.pi * 0.4 * (time - 1)) * (time > 1)
     push[:, 0] = 10.0 * np.sin(2 * np.pi * 0.23 * (time - 1)) * (time > 1)
-    push[:, 1] += HELD * ((time > -1.5) & (time < (0.3 if before == "held" else -0.5)))
+    let_go = 0.3 if before == "held" else -0.5
+    push[:, 1] += HELD * (_eased(time, -1.5) - _eased(time, let_go))
     current = np.zeros((len(time), 2))
     if powered:
         level = JOINT_TORQUE / 100.0 / CONSTANT
@@ -70,9 +83,15 @@ def handled(
     return Driven(log, found.state[early:], found.joint_torque[early:], found.tip[early:])
 
 
+def _eased(time: Array, begin: float) -> Array:
+    """From 0 to 1 after ``begin`` as a hand takes hold, without what is faster than HAND."""
+    found: Array = 0.5 - 0.5 * np.cos(np.pi * np.clip((time - begin) * HAND, 0, 1))
+    return found
+
+
 def compared(bench: Bench, run: Driven, fine: bool) -> dict[str, Estimates]:
     """Estimates with and without compensation of the kinematic torsion."""
-    smoothing = SMOOTHING if fine else HALL_SMOOTHING
+    smoothing = PASSED / HAND if fine else HALL_SMOOTHING
     known, zero = compensating(bench, fine)
     plain = bench.arm(changes=uncompensated(bench.arm()))
     return {
@@ -101,14 +120,24 @@ def by_axis(run: Driven, found: Mapping[str, Estimates]) -> dict[str, list[float
     return table | ({"from current": over(found["compensated"].current)} if with_current else {})
 
 
-def causes(bench: Bench) -> dict[str, tuple[float, float]]:
-    """What may disturb the start: rms error of joint 1 in the first second and after it, each cause alone."""
-    found = {}
-    for name, (changes, before) in CAUSES.items():
+def caused(bench: Bench, name: str) -> tuple[Driven, Array]:
+    """The powered run with one of CAUSES, and the error of its estimate (T, n, N m)."""
+    changes, before = CAUSES[name]
+
+    def make() -> tuple[Driven, Array]:
         run = handled(bench, True, fine_sensors(), changes, before)
         known, zero = compensating(bench, True)
         zeros = _zeroed(known, run.log, zero) if name == ZEROED else zero
-        error = estimated(known, run.log, zeros).whole - run.joint_torque
+        return run, estimated(known, run.log, zeros).whole - run.joint_torque
+
+    return bench.once(("caused", name), make)
+
+
+def causes(bench: Bench) -> dict[str, tuple[float, float]]:
+    """What may disturb the start: rms error of joint 1 in the first second and after it, each cause alone."""
+    found = {}
+    for name in CAUSES:
+        run, error = caused(bench, name)
         start = run.log.time < BEGUN
         found[name] = float(rms(error, start)[0]), float(rms(error, ~start)[0])
     return found

@@ -80,7 +80,7 @@ def joints3(bench: Bench) -> Result:
         numbers,
         2,
         logs=logs,
-        robots=dict.fromkeys(logs, bench.robot_file({}, THREE, fine=True)),
+        robots=dict.fromkeys(logs, bench.robot_file({}, THREE, fine_sensors(3))),
     )
 
 

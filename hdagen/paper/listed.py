@@ -17,12 +17,11 @@ Maker = Callable[[Bench], Result]
 @dataclass(frozen=True)
 class Listed:
     """A figure or table: its name, the module of `hdagen.paper` whose function of that name makes it, and its title.
-    Figures of one module share runs, unless ``alone``."""
+    Figures of one module are made one after another."""
 
     name: str
     module: str
     title: str
-    alone: bool = False
 
     def make(self, bench: Bench) -> Result:
         """Simulate and compute it."""
@@ -38,8 +37,8 @@ FIGURES = (
     Listed("fig9", "validation", "Numerical validation of torque estimation"),
     Listed("fig11", "compliance", "Admittance control: M, B and K varied"),
     Listed("fig12", "compliance", "Impedance control: M, B and K varied"),
-    Listed("maps11", "sweeps", "Admittance control: maps over M, B and K, 10 000 sets", alone=True),
-    Listed("maps12", "sweeps", "Impedance control: maps over M, B and K", alone=True),
+    Listed("maps11", "sweeps", "Admittance control: maps over M, B and K"),
+    Listed("maps12", "sweeps", "Impedance control: maps over M, B and K"),
     Listed("fig14", "torsion", "Kinematic torsion and the angle of the output"),
     Listed("fig15", "estimation", "Torque estimation of both joints"),
     Listed("resolution", "validation", "Torque error against encoder resolution"),
@@ -47,10 +46,11 @@ FIGURES = (
     Listed("fig17", "tracking", "Position tracking in x and y"),
     Listed("table3", "tracking", "Parameters of the compliance control"),
     Listed("table4", "tracking", "Tracking errors"),
+    Listed("sensorless", "sensorless", "Compliance control without a torque sensor"),
     Listed("fig18", "collision", "Collision: set-up, force and clearance"),
     Listed("fig19", "collision", "Collision, admittance control"),
     Listed("fig20", "collision", "Collision, impedance control"),
-    Listed("fig21", "collision", "Collision: both controllers compared"),
+    Listed("fig21", "comparison", "Collision: both controllers compared"),
     Listed("table5", "collision", "Parameters of the collision experiment"),
     Listed("joints3", "joints", "The outlook: an arm of three joints"),
 )

@@ -132,7 +132,7 @@ def heading(name: str) -> str:
     """As the paper calls it: Fig. 11, Table 4."""
     found = re.fullmatch(r"(fig|table|maps)(\d+)(\w?)", name)
     if not found:
-        return {"resolution": "Beside Fig. 15", "joints3": "V"}.get(name, name)
+        return {"resolution": "Beside Fig. 15", "sensorless": "Beside Fig. 16", "joints3": "V"}.get(name, name)
     kind = {"fig": "Fig.", "table": "Table", "maps": "Beside Fig."}[found[1]]
     number = ("I", "II", "III", "IV", "V")[int(found[2]) - 1] if found[1] == "table" else found[2]
     return f"{kind} {number}{f' ({found[3]})' if found[3] else ''}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -15,6 +17,8 @@ from hdagen.paper.listed import Listed
 from hdagen.paper.prototype import ROBOT, TABLE_1, THREE, Bench
 
 Content = dict[str, Any]  # the JSON of a figure
+LONGEST = "sweeps"  # the module that is begun first; its threads take what the other processes leave
+_worker: dict[str, Bench] = {}  # what a worker process keeps from group to group
 
 
 def produce(
@@ -22,7 +26,7 @@ def produce(
 ) -> Iterator[tuple[Listed, Content, bool]]:
     """Every figure with its JSON, and whether it was made now; in the order in which they are done. Raises
     PlantError."""
-    bench = Bench(profile, threads=1 if processes > 1 else 2)
+    bench = Bench(profile)
     say("building the arms")
     builds = tuple(bench.arm(robot).folder.name for robot in (ROBOT, TABLE_1, THREE))
     came_from = store.inputs(builds)
@@ -32,8 +36,8 @@ def produce(
         if done is not None:
             yield figure, done, False
         else:
-            groups.setdefault(figure.name if figure.alone else figure.module, []).append(figure)
-    order = sorted(groups.values(), key=lambda group: not group[0].alone)  # sweeps take longest and go first
+            groups.setdefault(figure.module, []).append(figure)
+    order = sorted(groups.values(), key=lambda group: group[0].module != LONGEST)
     if processes < 2 or len(groups) < 2:
         for figure in (figure for group in order for figure in group):
             say(figure.title)
@@ -46,20 +50,40 @@ def _together(
     groups: list[list[Listed]], folder: Path, bench: Bench, came_from: str, processes: int, say: Callable[[str], None]
 ) -> Iterator[tuple[Listed, Content, bool]]:
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context) as pool:
-        waiting = {pool.submit(_group, group, folder, bench, came_from): group for group in groups}
+    with ProcessPoolExecutor(processes, context, _begin, (bench,)) as pool:
+        heard = signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers take this over until they have begun
+        waiting = {pool.submit(_group, group, folder, came_from): group for group in groups}
+        signal.signal(signal.SIGINT, heard)
         try:
             for future in as_completed(waiting):
                 for figure, content in zip(waiting[future], future.result(), strict=True):
                     say(figure.title)
                     yield figure, content, True
         except BaseException:
+            for worker in multiprocessing.active_children():
+                os.kill(worker.pid or 0, signal.SIGINT)
             pool.shutdown(cancel_futures=True)
             raise
 
 
-def _group(group: list[Listed], folder: Path, bench: Bench, came_from: str) -> list[Content]:
-    return [made(bench, figure, folder, came_from) for figure in group]
+def _begin(bench: Bench) -> None:
+    """A worker's own bench, whose runs all groups share that it makes."""
+    _worker["bench"] = bench
+    signal.signal(signal.SIGINT, _stop)
+
+
+def _stop(*_: object) -> None:
+    """What a worker does when interrupted: leave what it makes, begin nothing more, and say nothing, for the parent
+    does."""
+    _worker.clear()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.exit(1)
+
+
+def _group(group: list[Listed], folder: Path, came_from: str) -> list[Content]:
+    if not _worker:
+        sys.exit(1)
+    return [made(_worker["bench"], figure, folder, came_from) for figure in group]
 
 
 def made(bench: Bench, figure: Listed, folder: Path, came_from: str) -> Content:

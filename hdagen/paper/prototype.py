@@ -31,6 +31,10 @@ PERIOD = 1e-3  # s, of controller and CAN
 INNER = {"bandwidth": 25.0, "observer_bandwidth": 20.0, "velocity_cutoff": 20.0}  # rad/s, rad/s, Hz
 FINE_INNER = {"bandwidth": 50.0, "observer_bandwidth": 100.0, "velocity_cutoff": 80.0}
 ENCODER = 2 * np.pi / 4096  # rad, of a motor encoder beside the paper's Hall sensors
+JITTER, SWITCHING = (
+    0.5,
+    2.5e-3,
+)  # counts rms of an encoder's angle; rad rms at the motor at most: assumed, as the preset
 DISC = 2 * np.pi / 2**18  # rad, of the optical disc
 SAFE_DAMPING = 2e-3  # N m s/rad at the motors: after a fault they stop within J/d = 46 ms
 JUMP = 2.0  # rad of a motor in a tick: five times its largest speed, and more than a count of a Hall sensor
@@ -39,6 +43,11 @@ PUSH = 10.0  # N, assumed; the paper names none. Larger ones take soft settings 
 PUSHES = (Push(3.0, 4.0, (PUSH, 0.0)), Push(6.0, 7.0, (0.0, PUSH)))  # times: III.C
 BANDS = ((3.0, 4.0, f"{PUSH:g} N in x"), (6.0, 7.0, f"{PUSH:g} N in y"))
 TORSION = ("kinematic_square", "kinematic_cube", "kinematic_fourth", "kinematic_fifth")
+STRUCTURE: dict[str, dict[str, float]] = {  # of the printed parts, V; the paper gives no size: assumed
+    "play of 1 arcmin in the printed parts": {"backlash_angle_1": 2.9e-4, "backlash_angle_2": 2.9e-4},
+    "links that bend at 24 Hz": {"link_share_1": 0.2, "link_share_2": 0.2},
+    "mounting that yields": {"base_compliance_1": 2e-5},
+}
 A = (6.57e-5, 0.0018, 0.0032, -0.0017, 2.68e-4, -1.27e-4)  # rad, IV.A, of joint 1 over turns
 B = (1.72e-4, 9.47e-4, -0.0017, 3.47e-4, 7.94e-4, -3.67e-4)  # of joint 2
 
@@ -62,15 +71,18 @@ class Bench:
         arm.parameters.update(changes or {})
         return arm
 
-    def robot_file(self, changes: Mapping[str, float], robot: str = ROBOT, fine: bool = False) -> bytes:
-        """The preset's file with parameters changed, as `hdagen replay` takes it; ``fine``: with encoders of 4096
-        counts at the motors."""
-        arm = self.arm(robot, changes)
-        file = RobotFile((Path(__file__).parents[2] / "gen" / "presets" / f"{robot}.toml").read_bytes(), arm)
-        for name, value in changes.items():
-            file.put(file.place(name), value)
-        text = file.text()
-        return re.sub(rb"(motor_encoder_resolution = )[^ #\n]*", rb"\g<1>%.17g" % ENCODER, text) if fine else text
+    def robot_file(self, changes: Mapping[str, float], robot: str = ROBOT, sensors: Sensors | None = None) -> bytes:
+        """The preset's file with parameters and sensors changed, as `hdagen replay` takes it; sensors as the preset
+        has them where ``sensors`` says nothing."""
+
+        def make() -> bytes:
+            arm = self.arm(robot, changes)
+            file = RobotFile((Path(__file__).parents[2] / "gen" / "presets" / f"{robot}.toml").read_bytes(), arm)
+            for name, value in changes.items():
+                file.put(file.place(name), value)
+            return _with_sensors(file.text(), sensors or Sensors())
+
+        return self.once(("robot file", robot, tuple(sorted(changes.items())), sensors), make)
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
         """What ``make`` gives, made at its first use."""
@@ -78,6 +90,19 @@ class Bench:
             self._shared[key] = make()
         found: T = self._shared[key]
         return found
+
+
+def _with_sensors(text: bytes, sensors: Sensors) -> bytes:
+    """A robot file whose joints all have these encoders."""
+    for side, resolution, noise in (
+        (b"motor", sensors.motor_resolution, sensors.motor_noise),
+        (b"joint", sensors.joint_resolution, sensors.joint_noise),
+    ):
+        for what, values in ((b"resolution", resolution), (b"noise", noise)):
+            if values is not None:
+                line = rb"(%s_encoder_%s = )[^ #\n]*" % (side, what)
+                text = re.sub(line, rb"\g<1>%.17g" % values[0], text)
+    return text
 
 
 def uncompensated(arm: Arm) -> dict[str, float]:
@@ -118,7 +143,14 @@ def turns(seconds: float = 10.0, radius: float = RADIUS) -> Reference:
 
 def fine_sensors(n: int = 2) -> Sensors:
     """4096 counts a turn at the motors in place of Hall sensors."""
-    return Sensors(motor_resolution=(ENCODER,) * n)
+    return Sensors(motor_resolution=(ENCODER,) * n, motor_noise=(JITTER * ENCODER,) * n)
+
+
+def encoders(counts: int, bits: int) -> Sensors:
+    """``counts`` a turn at both motors, discs of 2^``bits``."""
+    motor, joint = 2 * np.pi / counts, 2 * np.pi / 2**bits
+    noise = min(JITTER * motor, SWITCHING), JITTER * joint
+    return Sensors((motor,) * 2, (joint,) * 2, motor_noise=(noise[0],) * 2, joint_noise=(noise[1],) * 2)
 
 
 @dataclass(frozen=True)
@@ -143,8 +175,7 @@ def driven(
     state = arm.rollout(arm.rest(q), np.hstack([mean, push]), PERIOD, exact=True)[:-1]
     truth = arm.outputs(state, np.hstack([acting, push]))
     raw = np.hstack([truth["motor_position"], truth["joint_position"]])
-    step = np.where(scheme.resolution > 0, scheme.resolution, 1.0)
-    seen = np.where(scheme.resolution > 0, np.round(raw / step) * step, raw)
+    seen = scheme.read(raw + scheme.encoder_noise(len(raw), seed))
     torque_noise = np.array([joint["sensor"]["torque_noise"] for joint in arm.robot["joints"]])
     measured = acting + random.normal(size=acting.shape) * scheme.current_noise
     sensed = truth["joint_torque"] + random.normal(size=acting.shape) * torque_noise

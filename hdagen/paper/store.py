@@ -57,16 +57,17 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
         for file, written in files.items():
             with whole(folder / file, written):
                 pass
-        logs = {}
+        logs, robots = {}, dict[bytes, str]()
         for end, log in result.logs.items():
             file = f"{result.name}_{end}.parquet"
             write_log(log, folder / file)
             robot = result.robots.get(end, "paper_prototype")
-            logs[file] = robot if isinstance(robot, str) else f"{result.name}_{end}.toml"
-            if isinstance(robot, bytes):
-                files[logs[file]] = robot
-                with whole(folder / logs[file], robot):
-                    pass
+            own = f"{result.name}_{end}.toml"
+            logs[file] = robot if isinstance(robot, str) else robots.setdefault(robot, own)
+        for robot, file in robots.items():  # one for all logs of the same arm
+            files[file] = robot
+            with whole(folder / file, robot):
+                pass
         content = {
             "schema": SCHEMA, "name": result.name, "title": result.title, "text": result.text,
             "claims": [plain(asdict(claim)) for claim in result.claims],

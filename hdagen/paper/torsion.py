@@ -141,16 +141,29 @@ def fig14(bench: Bench) -> Result:
         Grid("held-out turns", columns, rows, digits=3),
     ]
     numbers = _numbers(every) | {"held_out": left, "best": best}
-    logs = {f"joint{j}_{1e3 * above:.0f}mNm_{'forward' if way > 0 else 'back'}": log
-            for j in SETS for (above, way), log in every[j, False].logs.items()}  # fmt: skip
+    logs, robots = _logs(bench, every)
+    for name, end in zip(truths, ("slow", "slow_without_ratio", "slow_with_wave_generator"), strict=True):
+        logs[end], robots[end] = slow[name], bench.robot_file(truths[name], sensors=fine_sensors())
     text = (
         "Each joint turned once by a motor torque of 25, 30 and 35 mN m above running friction, both ways, with the "
         "published torsion in the arm; (13) is fitted to all six logs, a torsion by acceleration and one by "
         "direction beside it. Below: which basis predicts the turns after the one it was fitted to."
     )
-    robots = {end: bench.robot_file(torsion_of(int(end[5]), SETS[int(end[5])])) for end in logs}
     title = "Kinematic torsion and the output's angle"
-    return Result("fig14", title, text, parts, _claims(every, left, best), numbers, 2, _choices(), logs, robots)
+    claims, choices = _claims(every, left, best), _choices(bench, every)
+    return Result("fig14", title, text, parts, claims, numbers, 2, choices, logs, robots)
+
+
+def _logs(bench: Bench, every: Mapping[tuple[int, bool], Measured]) -> tuple[dict[str, Log], dict[str, str | bytes]]:
+    """All logs that were fitted, by the end of their file's name, and the robot files that they are of."""
+    logs, robots = dict[str, Log](), dict[str, str | bytes]()
+    for (j, fine), one in every.items():
+        robot = bench.robot_file(torsion_of(j, SETS[j]), sensors=fine_sensors() if fine else None)
+        for (above, way), log in one.logs.items():
+            words = "forward" if way > 0 else "back"
+            end = f"joint{j}_{'4096' if fine else 'hall'}_{1e3 * above:.0f}mNm_{words}"
+            logs[end], robots[end] = log, robot
+    return logs, robots
 
 
 def _panel(fine: Measured, hall: Measured, heading: str) -> Axes:
@@ -256,14 +269,18 @@ def _between_torques(one: Measured) -> float:
     return float(np.sqrt(np.mean(np.var(curves, axis=0))))
 
 
-def _choices() -> list[Choice]:
+def _choices(bench: Bench, every: Mapping[tuple[int, bool], Measured]) -> list[Choice]:
+    level = bench.arm().parameters["coulomb_friction_1"]
+    still = turned(bench, 1, max(ABOVE) - level, 1, {}, fine=True).log["joint_position_1"]
+    sure = {fine: 1e3 * every[1, fine].fit.errors[2] for fine in (True, False)}
     turn_a, turn_b = sum(A), sum(B)
     rad = [sum(c * (2 * np.pi) ** k for k, c in enumerate(cs)) for cs in (A, B)]
     return [
         Choice("unit of the angle in (13)", "turns", f"at one turn {turn_a:.2e} and {turn_b:.2e} rad; in radians "
                         f"{rad[0]:.1f} and {rad[1]:.1f} rad, which no gear has"),
         Choice("0.025 to 0.035 N m at the motor", "above running friction", "as motor torques: below Table I's "
-                        "starting torque, 0.037 N m, and nothing moves"),
-        Choice("motor encoder", f"the paper's 42 counts, and 4096 ({ENCODER:.1e} rad) beside "
-                        "it", "see the table: how much less certain coefficients are"),
+                        f"starting torque, 0.037 N m; 0.035 N m turns joint 1 by {1e3 * np.ptp(still):.2f} mrad in "
+                        "4.7 s"),
+        Choice("motor encoder", f"the paper's 42 counts, and 4096 ({ENCODER:.1e} rad) beside it: a_2 to "
+                        f"{sure[True]:.2g}e-3", f"Hall sensors alone: a_2 to {sure[False]:.2g}e-3, of 3.2e-3"),
     ]  # fmt: skip
