@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot
 
 WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a part alone, a row of parts, a row of a table
-LEGEND, LEGEND_ROOM = 7.5, 262.0  # points: its letters, and how wide it may be
+LEGEND, LEGEND_ROOM, LEGEND_ROW = 7.5, 262.0, 0.16  # points: its letters, how wide it may be; inches: a row of it
 MOST = 4000  # samples of a curve; each stretch keeps its smallest and its largest
 STYLE: Any = {
     "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": LEGEND,
@@ -56,6 +57,8 @@ def drawn(result: Result) -> tuple[bytes, bytes]:
         for k, row in enumerate(rows):
             for at, part in enumerate(row):
                 _draw(figure.add_subplot(grid[k, :] if len(row) == 1 else grid[k, at]), part, wide)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # what has been laid out holds for both files
         svg, png = io.BytesIO(), io.BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "hdagen"})
         figure.savefig(png, format="png", dpi=150, metadata={"Software": "hdagen"})
@@ -76,7 +79,22 @@ def _rows(result: Result) -> list[list[Part]]:
 def _height(part: Part) -> float:
     if isinstance(part, Grid):
         return 0.5 + GRID_ROW * (len(part.rows) + 1)
-    return WIDTH * 0.85 if isinstance(part, Axes) and part.equal else HEIGHT
+    own = WIDTH * 0.85 if isinstance(part, Axes) and part.equal else HEIGHT
+    return own + LEGEND_ROW * _columns(_labels(part))[1] if isinstance(part, Axes) else own
+
+
+def _labels(part: Axes) -> list[str]:
+    """What the legend has."""
+    return [*(curve.label for curve in part.curves if curve.label), *dict.fromkeys(words for _, _, words in part.bands)]
+
+
+def _columns(labels: Sequence[str]) -> tuple[int, int]:
+    """Columns and rows of a legend."""
+    if not labels:
+        return 1, 0
+    widest = max(text_width(label, LEGEND) + 3.6 * LEGEND for label in labels)
+    columns = max(1, min(len(labels), int(LEGEND_ROOM / widest)))
+    return columns, -(-len(labels) // columns)
 
 
 def _draw(plot: Plot, part: Part, wide: float) -> None:
@@ -133,11 +151,8 @@ def _decades(plot: Plot) -> None:
 def _headed(plot: Plot, heading: str) -> None:
     """The heading, and below it, outside the axes, the legend in as many columns as fit: nothing covers a curve."""
     handles, labels = plot.get_legend_handles_labels()
-    rows = 0
-    if labels:
-        widths = [text_width(label, LEGEND) + 3.6 * LEGEND for label in labels]
-        columns = max(1, min(len(labels), int(LEGEND_ROOM / max(widths))))
-        rows = -(-len(labels) // columns)
+    columns, rows = _columns(labels)
+    if rows:
         plot.legend(
             handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, frameon=False,
             borderpad=0.1, borderaxespad=0.2, handlelength=2.2, columnspacing=1.2, labelspacing=0.25,

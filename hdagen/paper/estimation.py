@@ -22,14 +22,15 @@ from hdagen.paper.handle import (
     causes,
     compared,
     compensating,
-    defined,
     filtered,
     handled,
     machine,
 )
 from hdagen.paper.prototype import DISC, ENCODER, Bench, Driven, fine_sensors
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Part, Result
+from hdagen.plant import Array
 
+DRAWN = 12.0  # N m up to which an estimate is drawn that leaves the law of the springs
 STARTS = 2.5  # s that are drawn of a start
 SHOWN = {"start": NONE, "start_leaned": LEANED, "start_zeroed": ZEROED, "off_centre": OFF_CENTRE}
 
@@ -101,9 +102,9 @@ def _panels(static: Driven, moving: Driven, found: Mapping[str, Mapping[str, Est
         else:
             curves.append(
                 Curve(
-                    "uncompensated, where defined",
+                    f"uncompensated, up to {DRAWN:g} N m",
                     time,
-                    np.where(defined(run)[:, j], found[name]["uncompensated"].whole[:, j], np.nan),
+                    _within(found[name]["uncompensated"].whole[:, j]),
                     color="vermilion",
                     dash="dashed",
                     width=0.9,
@@ -111,6 +112,11 @@ def _panels(static: Driven, moving: Driven, found: Mapping[str, Mapping[str, Est
             )
         panels.append(Axes(heading, "time (s)", "joint torque (N m)", curves))
     return panels
+
+
+def _within(torque: Array) -> Array:
+    """What is drawn of a torque."""
+    return np.where(np.abs(torque) <= DRAWN, torque, np.nan)
 
 
 def _tables(

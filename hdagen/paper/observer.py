@@ -77,8 +77,7 @@ class TipForce:
         torque = self.torque + self.height * self._wind()
         self.total = self.total + h * (torque + C.T @ self.v - self.g + self.r)
         self.r = np.asarray(self.bandwidth * (M @ self.v - self.total), float)
-        found: Array = np.linalg.solve(J @ J.T + SINGULAR * np.eye(2), J @ self.r)
-        return found
+        return _solved(J @ J.T, J @ self.r)
 
     def _wind(self) -> Array:
         """The hysteresis state (n), dz = (dφ − |dφ| z)/δ along the torsion below WINDING, exact from tick to tick."""
@@ -88,6 +87,15 @@ class TipForce:
         wound: Array = sign + (self.wound - sign) * np.exp(-np.abs(step) / angle)
         self.wound = wound
         return wound
+
+
+def _solved(A: Array, b: Array) -> Array:
+    """(A + SINGULAR 1)⁻¹ b of two axes, written out: it is done at every tick."""
+    (xx, xy), (_, yy) = A.tolist()
+    x, y = b.tolist()
+    xx, yy = xx + SINGULAR, yy + SINGULAR
+    share = 1.0 / (xx * yy - xy * xy)
+    return np.array([share * (yy * x - xy * y), share * (xx * y - xy * x)])
 
 
 class Sensorless(Controller):

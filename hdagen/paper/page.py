@@ -8,12 +8,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hdagen.pages import figure, page
 from hdagen.pages.page import Section
 from hdagen.paper.result import Axes, Claim, Grid, Map, Result
 
 SAYS, WHY = ("the paper says", "here"), "why they differ, or from where on"
 OPEN, ERRATA = ("question", "taken", "alternatives"), ("printed", "checked", "how it shows")
+FILLED = 3.0  # times the smaller span that parts which share axes may differ by
 HOLDS = {True: "yes", False: "no", None: "–"}
 
 
@@ -45,10 +48,19 @@ def interactive(result: Result) -> list[str]:
 
 
 def _alike(one: Axes, other: object) -> bool:
-    """Whether two parts share their axes' names and kinds."""
-    return isinstance(other, Axes) and (one.x_label, one.y_label, one.log_x, one.log_y, one.equal) == (
+    """Whether two parts share their axes' names and kinds, and fill the same axes."""
+    if not isinstance(other, Axes) or (one.x_label, one.y_label, one.log_x, one.log_y, one.equal) != (
         other.x_label, other.y_label, other.log_x, other.log_y, other.equal,
-    )  # fmt: skip
+    ):  # fmt: skip
+        return False
+    spans = [[_span(part, side) for part in (one, other)] for side in ("x", "y")]
+    return all(max(both) <= FILLED * min(both) for both in spans)
+
+
+def _span(part: Axes, side: str) -> float:
+    """From the least to the largest of all curves."""
+    values = np.concatenate([np.asarray(getattr(curve, side), float) for curve in part.curves])
+    return float(np.nanmax(values) - np.nanmin(values))
 
 
 def _planes(result: Result, group: Sequence[Axes]) -> str:
@@ -58,7 +70,7 @@ def _planes(result: Result, group: Sequence[Axes]) -> str:
                 figure.Curve(c.label, c.x, c.y, color=c.color, dash=c.dash, draw=c.draw, width=c.width)
                 for c in axes.curves
             ],
-            heading=axes.heading,
+            heading=axes.heading if len(group) > 1 else "",
             marks=axes.marks,
         )
         for axes in group

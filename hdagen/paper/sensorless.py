@@ -156,10 +156,12 @@ def _table(runs: Mapping[tuple[str, str, str], Felt]) -> Grid:
         given = [f"{law}, {source}", sensors, *largest, *spread, *(1e3 * one.yielded), *one.force_error, stopped]
         rows.append(given)
     columns = (
-        "F_e from", "encoders", "max x (mm)", "max y (mm)", "std x (mm)", "std y (mm)", "under the push x (mm)",
-        "under the push y (mm)", "F_e rms error x (N)", "F_e rms error y (N)", "stopped (s)",
+        "F_e from", "encoders", "max x (mm)", "max y (mm)", "std x (mm)", "std y (mm)", "pushed x (mm)",
+        "pushed y (mm)", "F_e error x (N)", "F_e error y (N)", "stopped (s)",
     )  # fmt: skip
-    return Grid("errors on circles 1 and 3, and what the push on circle 2 does", columns, rows, 3)
+    return Grid(
+        "errors on circles 1 and 3, how far the push on circle 2 moves the tip, rms error of F_e", columns, rows, 3
+    )
 
 
 def _claims(runs: Mapping[tuple[str, str, str], Felt]) -> list[Claim]:

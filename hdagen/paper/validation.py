@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from hdagen.log import Log
 from hdagen.paper.estimator import HALL_SMOOTHING, HAND, PASSED, estimated, rms
 from hdagen.paper.handle import BAR, BEGUN, compensating, defined, handled, machine
 from hdagen.paper.prototype import PERIOD, TABLE_1, Bench, Driven, driven, encoders, uncompensated
@@ -81,24 +80,26 @@ def fig9(bench: Bench) -> Result:
     robots: dict[str, str | bytes] = dict.fromkeys(logs, TABLE_1)
     robots["lighter_second_arm"] = bench.robot_file({"inertia_2": outer}, TABLE_1)
     light = f"a second arm of {outer:.2f} kg m² gives the ratio of two"
-    other = {
-        f"{1e3 * seconds:g} ms": rms(
-            estimated(arm, runs["step"].log, smoothing=seconds).whole - runs["step"].joint_torque
-        )
-        for seconds in OTHERS
-    }
     choices = [
         Choice("masses of the links", "none beside J_a, as Table I has it", light),
-        Choice(
-            "over what the angles are smoothed",
-            f"{1e3 * window:.0f} ms, {PASSED:g} periods of the fastest oscillation of the arm with its motors held, "
-            f"{fastest:.1f} Hz: cubics pass it to 1 %",
-            "step, rms errors of joints 1 and 2: "
-            + "; ".join(f"{name} {found[0]:.3f} and {found[1]:.3f} N m" for name, found in other.items()),
-        ),
+        _smoothed(arm, runs["step"], window, fastest),
     ]
     title = "Numerical validation of torque estimation"
     return Result("fig9", title, text, parts, claims, numbers, 2, choices, logs, robots)
+
+
+def _smoothed(arm: Arm, step: Driven, window: float, fastest: float) -> Choice:
+    """Over what Fig. 9's angles are smoothed, and what other windows give."""
+    words = []
+    for seconds in OTHERS:
+        one, two = rms(estimated(arm, step.log, smoothing=seconds).whole - step.joint_torque)
+        words.append(f"{1e3 * seconds:g} ms {one:.3f} and {two:.3f} N m")
+    return Choice(
+        "over what the angles are smoothed",
+        f"{1e3 * window:.0f} ms, {PASSED:g} periods of the fastest oscillation of the arm with its motors held, "
+        f"{fastest:.1f} Hz: cubics pass it to 1 %",
+        f"rms errors under the step: {'; '.join(words)}",
+    )
 
 
 def modes(arm: Arm, q: Sequence[float]) -> Array:
@@ -131,42 +132,31 @@ def _for_twice(rotor: float) -> tuple[float, float]:
     return float(inner), float(brentq(lambda x: ratio_of(J_A, x, rotor) - 2.0, 1e-3, J_A))
 
 
-@dataclass(frozen=True)
-class Resolved:
-    """The runs of Fig. 15 with an encoder: rms error (joints, N m) in motion and held still, compensated, and in
-    motion without; logs."""
-
-    moving: Array
-    static: Array
-    plain: Array
-    logs: dict[str, Log]
+def handled_with(bench: Bench, powered: bool, counts: int, bits: int) -> Driven:
+    """A run of Fig. 15 with ``counts`` a turn at the motors and discs of 2^``bits``."""
+    make = partial(handled, bench, powered, encoders(counts, bits))
+    return bench.once(("handled", powered, counts, bits), make)
 
 
-def resolved(bench: Bench, counts: int, bits: int) -> Resolved:
-    """With ``counts`` a turn at the motors and discs of 2^``bits``."""
+def missed(bench: Bench, run: Driven, counts: int, blind: bool = False) -> Array:
+    """rms error by joint of its estimate, N m; ``blind``: uncompensated, where that has an inverse of the springs."""
     smoothing = PASSED / HAND if counts >= 512 else HALL_SMOOTHING
+    rows = run.log.time >= BEGUN
+    if blind:
+        off = estimated(bench.arm(changes=uncompensated(bench.arm())), run.log, 0.0, smoothing).whole
+        return rms(np.where(defined(run), off - run.joint_torque, np.nan), rows)
     known, zero = compensating(bench, True)
-    blind = bench.arm(changes=uncompensated(bench.arm()))
-    logs, errors = dict[str, Log](), []
-    for name, powered in (("moving", True), ("static", False)):
-        run = handled(bench, powered, encoders(counts, bits))
-        rows = run.log.time >= BEGUN
-        errors.append(rms(estimated(known, run.log, zero, smoothing).whole - run.joint_torque, rows))
-        logs[name] = run.log
-        if powered:
-            off = estimated(blind, run.log, 0.0, smoothing).whole - run.joint_torque
-            plain = rms(np.where(defined(run), off, np.nan), rows)
-    return Resolved(errors[0], errors[1], plain, logs)
+    return rms(estimated(known, run.log, zero, smoothing).whole - run.joint_torque, rows)
 
 
 def resolution(bench: Bench) -> Result:
     """Torque error against the resolution of both encoders."""
-    found = {(counts, bits): resolved(bench, counts, bits) for counts in COUNTS for bits in BITS}
-    table = np.array([[found[counts, bits].moving for bits in BITS] for counts in COUNTS])
-    still, plain = (
-        np.array([getattr(found[counts, DISC_BITS], name) for counts in COUNTS]) for name in ("static", "plain")
-    )
-    peak = np.abs(handled(bench, True, encoders(COUNTS[0], DISC_BITS)).joint_torque).max(axis=0)
+    runs = {(counts, bits): handled_with(bench, True, counts, bits) for counts in COUNTS for bits in BITS}
+    held = {counts: handled_with(bench, False, counts, DISC_BITS) for counts in COUNTS}
+    table = np.array([[missed(bench, runs[counts, bits], counts) for bits in BITS] for counts in COUNTS])
+    still = np.array([missed(bench, run, counts) for counts, run in held.items()])
+    plain = np.array([missed(bench, runs[counts, DISC_BITS], counts, blind=True) for counts in COUNTS])
+    peak = np.abs(runs[COUNTS[0], DISC_BITS].joint_torque).max(axis=0)
     parts = [
         Axes(
             f"joint {j + 1}",
@@ -208,11 +198,12 @@ def resolution(bench: Bench) -> Result:
         "The runs of Fig. 15 with other encoders, smoothed: what resolution buys what torque. Powered and compensated, "
         "but where it says otherwise; uncompensated over rows where the springs' law has an inverse."
     )
-    logs = {f"{name}_{counts}_{bits}": log for (counts, bits), one in found.items() for name, log in one.logs.items()}
+    every = {f"moving_{counts}_{bits}": (run, counts, bits) for (counts, bits), run in runs.items()}
+    every |= {f"static_{counts}_{DISC_BITS}": (run, counts, DISC_BITS) for counts, run in held.items()}
+    logs = {end: run.log for end, (run, _, _) in every.items()}
     robots = {
-        f"{name}_{counts}_{bits}": bench.robot_file(machine(), sensors=encoders(counts, bits))
-        for (counts, bits), one in found.items() for name in one.logs
-    }  # fmt: skip
+        end: bench.robot_file(machine(), sensors=encoders(counts, bits)) for end, (_, counts, bits) in every.items()
+    }
     title = "Torque error against encoder resolution"
     return Result("resolution", title, text, parts, claims, numbers, 2, logs=logs, robots=robots)
 
