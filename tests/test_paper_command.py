@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -93,10 +98,11 @@ def test_a_figure_is_written_whole_and_left_alone(
     out = tmp_path / "out"
     assert main(["paper", "fig3b", "--out", str(out)]) == 0
     assert "the paper says: torque against torsion" in capsys.readouterr().out
-    files = {"fig3b.svg", "fig3b.png", "fig3b.json", "fig3b_loaded.parquet", "fig3b_loaded.toml", "sections/fig3b.json"}
+    logs = {f"fig3b_{end}.{kind}" for end in ("loaded", "springs_alone") for kind in ("parquet", "toml")}
+    files = {"fig3b.svg", "fig3b.png", "fig3b.json", "sections/fig3b.json"} | logs
     assert made(out) == files
     content = json.loads((out / "fig3b.json").read_text())
-    assert content["logs"] == {"fig3b_loaded.parquet": "fig3b_loaded.toml"} and content["claims"][0]["holds"] is True
+    assert content["logs"]["fig3b_loaded.parquet"] == "fig3b_loaded.toml" and content["claims"][0]["holds"] is True
     assert (out / "fig3b.png").read_bytes().startswith(b"\x89PNG") and b"<svg" in (out / "fig3b.svg").read_bytes()
     log = read(out / "fig3b_loaded.parquet", joints=2)
     assert np.abs(log["joint_torque_1"]).max() > 11
@@ -222,3 +228,62 @@ def test_all_of_it_and_the_claims_are_those_of_the_document(builds: Path, tmp_pa
         assert [(c["paper"], c["holds"]) for c in now["claims"]] == [(c["paper"], c["holds"]) for c in then["claims"]]
     sweep = json.loads((out / "maps11.json").read_text())["numbers"]
     assert sweep["sets"] == 10_000
+    for figure in FIGURES:
+        one_log_is_replayed(out, json.loads((out / f"{figure.name}.json").read_text())["logs"], tmp_path)
+
+
+def one_log_is_replayed(out: Path, logs: dict[str, str], tmp_path: Path) -> None:
+    """`hdagen replay` takes the first log with the robot that its figure names, and finds the joints again."""
+    for log, robot in list(logs.items())[:1]:
+        file = str(out / robot) if robot.endswith(".toml") else robot
+        target = tmp_path / "predicted.parquet"
+        assert main(["replay", file, str(out / log), "--profile", "native", "--out", str(target)]) == 0, log
+        seen, found = (
+            read(path, joints=3 if robot == THREE or "joints3" in log else 2) for path in (out / log, target)
+        )
+        for j in (1, 2):
+            assert rms_of(seen[f"joint_position_{j}"] - found[f"joint_position_{j}"]) < 1e-3, (log, j)
+
+
+def rms_of(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@needs_matplotlib
+def test_logs_of_the_same_arm_have_one_robot_file(builds: Path, tmp_path: Path) -> None:
+    assert main(["paper", "fig15", "--out", str(tmp_path)]) == 0
+    logs = json.loads((tmp_path / "fig15.json").read_text())["logs"]
+    assert logs["fig15_static.parquet"] == logs["fig15_moving.parquet"] != logs["fig15_moving_hall.parquet"]
+    robots = {name for name in logs.values() if name.endswith(".toml")}
+    assert len({(tmp_path / name).read_bytes() for name in robots}) == len(robots)
+    assert {path.name for path in tmp_path.glob("*.toml")} == robots
+
+
+def interrupted(folder: Path, builds: Path, after: float) -> subprocess.CompletedProcess[str]:
+    """`hdagen paper` of several modules, interrupted as from a terminal: the whole group of processes."""
+    command = [sys.executable, "-m", "hdagen", "paper", "fig3b", "fig9", "fig14", "fig18", "--out", str(folder)]
+    environment = {**os.environ, "HDAGEN_BUILD": str(builds)}
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True
+    )
+    deadline = time.monotonic() + 120
+    while not (folder / "fig3b.json").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(after)
+    os.killpg(process.pid, signal.SIGINT)
+    out, errors = process.communicate(timeout=120)
+    return subprocess.CompletedProcess(command, process.returncode, out, errors)
+
+
+@needs_matplotlib
+@pytest.mark.parametrize("after", [0.0, 0.4])
+def test_interrupted_with_workers_it_says_so_once_and_leaves_nothing_half(
+    builds: Path, tmp_path: Path, after: float
+) -> None:
+    done = interrupted(tmp_path, builds, after)
+    assert done.returncode == INTERRUPTED and "Traceback" not in done.stderr, done.stderr
+    kept = {name for name in made(tmp_path) if name.endswith(".json") and "/" not in name}
+    assert "fig3b.json" in kept and not [name for name in made(tmp_path) if Path(name).name.startswith(".")]
+    first = {name: (tmp_path / name).stat().st_mtime_ns for name in kept}
+    assert main(["paper", "fig3b", "fig9", "fig14", "fig18", "--out", str(tmp_path)]) == 0
+    assert {name: (tmp_path / name).stat().st_mtime_ns for name in kept} == first

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hdagen.paper import collided, collision, compliance, sweeps
+from hdagen.paper import collided, comparison, compliance, sweeps
 from hdagen.paper.answer import answers
 from hdagen.paper.prototype import PERIOD, PUSHES, Bench, cartesian, controller, fine_sensors, turns
 from hdagen.paper.tracking import PUBLISHED, SECONDS, SENSIBLE, SHOVES, TABLE_4, tracked
@@ -104,9 +104,10 @@ def test_softer_sets_yield_more_and_damping_calms(bench: Bench) -> None:
 
 
 def test_impedance_yields_less_than_admittance_and_both_go_alike(bench: Bench) -> None:
-    for one, two in zip(collided.sets(bench, "impedance"), collided.sets(bench, "admittance"), strict=True):
-        assert one.pushed_back <= two.pushed_back
-    result = collision.fig21(bench)
+    both = zip(collided.sets(bench, "impedance"), collided.sets(bench, "admittance"), strict=True)
+    less = [two.pushed_back - one.pushed_back for one, two in both]
+    assert min(less[:2]) > 1e-5 and abs(less[2]) < 1e-5, "the softest set: as far, to a hundredth of a millimetre"
+    result = comparison.fig21(bench)
     assert result.numbers["mean_apart"] < 1e-3
     assert result.numbers["mean_apart_touching_4096"] < 0.135e-3
 
