@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,8 +155,15 @@ class Errors:
 
     def read(self, angles: Array) -> Array:
         """Angles (..., 2n), noise on them, as the encoders count them."""
-        step = np.where(self.resolution > 0, self.resolution, 1.0)
-        return np.where(self.resolution > 0, np.round(angles / step) * step, angles)
+        return np.where(self._counts, np.round(angles / self._step) * self._step, angles)
+
+    @cached_property
+    def _counts(self) -> NDArray[np.bool_]:
+        return self.resolution > 0
+
+    @cached_property
+    def _step(self) -> Array:
+        return np.where(self._counts, self.resolution, 1.0)
 
 
 def errors(arm: Arm, sensors: Sensors) -> Errors:

@@ -45,20 +45,20 @@ def drawn(result: Result) -> tuple[bytes, bytes]:
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     rows = _rows(result)
     columns = max(len(row) for row in rows)
     wide = WIDTH * columns if columns > 1 else WIDE
     heights = [max(_height(part) for part in row) for row in rows]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(wide, sum(heights) + 0.3), layout="constrained")
+        figure = Figure(figsize=(wide, sum(heights) + 0.3))
         FigureCanvasAgg(figure)
         grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
         for k, row in enumerate(rows):
             for at, part in enumerate(row):
                 _draw(figure.add_subplot(grid[k, :] if len(row) == 1 else grid[k, at]), part, wide)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # what has been laid out holds for both files
+        ConstrainedLayoutEngine().execute(figure)  # once, for both files
         svg, png = io.BytesIO(), io.BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "hdagen"})
         figure.savefig(png, format="png", dpi=150, metadata={"Software": "hdagen"})

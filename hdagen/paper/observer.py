@@ -35,6 +35,7 @@ class TipForce:
             np.array([p.get(f"{name}_{j}", 0.0) for j in range(1, n + 1)])
             for name in ("hysteresis_torque", "hysteresis_angle")
         )
+        self.angle = np.where(self.angle > 0, self.angle, np.inf)
         self.share = 1 - np.exp(-2 * np.pi * WINDING * period)
         self._bind(model)
         self.restart()
@@ -83,8 +84,8 @@ class TipForce:
         """The hysteresis state (n), dz = (dφ − |dφ| z)/δ along the torsion below WINDING, exact from tick to tick."""
         step = self.share * (self.torsion - self.phi)
         self.phi = self.phi + step
-        sign, angle = np.sign(step), np.where(self.angle > 0, self.angle, np.inf)
-        wound: Array = sign + (self.wound - sign) * np.exp(-np.abs(step) / angle)
+        sign = np.sign(step)
+        wound: Array = sign + (self.wound - sign) * np.exp(-np.abs(step) / self.angle)
         self.wound = wound
         return wound
 

@@ -27,7 +27,6 @@ RUNS = (
     *((law, sensors, source) for law in LAWS for sensors, source in (
         (FINE, SENSOR), (FINE, WHOLE), (FINE, PLAIN), (FINE, BLIND), (HALL, SENSOR), (HALL, WHOLE),
     )),
-    ("predictive", FINE, FILTER),
     ("predictive", HALL, SENSOR),
     ("predictive", HALL, FILTER),
 )  # fmt: skip
