@@ -52,13 +52,15 @@ def drawn(result: Result) -> tuple[bytes, bytes]:
     wide = WIDTH * columns if columns > 1 else WIDE
     heights = [max(_height(part) for part in row) for row in rows]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(wide, sum(heights) + 0.3))
+        engine = ConstrainedLayoutEngine()
+        figure = Figure(figsize=(wide, sum(heights) + 0.3), layout=engine)
         FigureCanvasAgg(figure)
         grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
         for k, row in enumerate(rows):
             for at, part in enumerate(row):
                 _draw(figure.add_subplot(grid[k, :] if len(row) == 1 else grid[k, at]), part, wide)
-        ConstrainedLayoutEngine().execute(figure)  # once, for both files
+        engine.execute(figure)
+        figure.set_layout_engine(None)  # what has been laid out once holds for both files
         svg, png = io.BytesIO(), io.BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "hdagen"})
         figure.savefig(png, format="png", dpi=150, metadata={"Software": "hdagen"})
