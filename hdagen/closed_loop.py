@@ -177,7 +177,7 @@ def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, st
     move = arm.module.bind("step_exact", now, u, arm.c, h, then)
     sides = [outputs[f"{law.encoder}_position"] for law in laws]
     held = np.diff(log.time, append=log.time[-1])
-    parts = np.maximum(1, np.ceil(held / arm.stable_step - 1e-9)).astype(int).tolist()
+    parts = [arm.steps_in(float(span)) for span in held]
     each = (held / parts).tolist()
     stage = _stage(arm, inputs, held, rows[0])
     for row in rows:

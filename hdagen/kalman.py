@@ -15,7 +15,6 @@ motion.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -202,7 +201,7 @@ class Bank:
         """All filters from one row to the next, ``dt`` (W) later, in place; linearised where the ``best`` (W) filter
         is."""
         arm, (W, L) = self.arm, x.shape[:2]
-        steps = max(1, math.ceil(dt.max() / arm.stable_step - 1e-9))
+        steps = arm.steps_in(float(dt.max()))
         h = dt / steps
         F = np.linalg.matrix_power(self._transition(x[np.arange(W), best], u, h), steps)
         fade = np.exp(-dt / MEMORY)[:, None, None]

@@ -52,7 +52,7 @@ def closed_loops(
     push = forces(pushes, reference.time)
     felt = push + np.random.default_rng(seed).normal(size=push.shape) * scheme.force_noise
     period = controller.guard.period
-    steps = max(1, int(np.ceil(period / arm.stable_step - 1e-9)))
+    steps = arm.steps_in(period)
     limits = np.concatenate(controller.torque_limits())
     settings = np.concatenate([[period, steps, scheme.delay], scheme.resolution, limits, torque_per_input(arm)])
     noise = scheme.encoder_noise(len(push), seed)

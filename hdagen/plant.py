@@ -5,6 +5,7 @@ Vectors are named by the build's manifest; nothing about a model is typed twice 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -356,6 +357,10 @@ class Arm:
     def stable_step(self) -> float:
         """The robot file's step, or the shorter one that springs damped as the parameters say allow, s."""
         return self._most(None)
+
+    def steps_in(self, time: float) -> int:
+        """How many steps of equal length a time (s) takes, none longer than the stable one."""
+        return max(1, math.ceil(time / self.stable_step - 1e-9))
 
     def _most(self, most: float | None) -> float:
         """The longest step of a rollout with the parameters at hand, s."""

@@ -228,7 +228,7 @@ def _loop(
     """Tick by tick: what the encoders said (T, 2n), the states, the torques sent, what a current sensor reads of them
     (T, n), the statuses. What the world adds stands in ``push`` and ``felt`` afterwards."""
     n, count, period = arm.n, len(rows), controller.guard.period
-    steps = max(1, int(np.ceil(period / arm.stable_step - 1e-9)))
+    steps = arm.steps_in(period)
     x, u, h = arm.rest(q0), np.zeros(arm.nu), np.array([period / steps])
     plant = arm.module.bind("step_exact", x, u, arm.c, h, x)
     shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
