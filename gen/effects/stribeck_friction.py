@@ -44,10 +44,10 @@ EFFECT = Effect(
         Parameter(
             "stribeck_sharpness",
             "1",
-            0.0,
+            2.0,
             0.0,
             100.0,
-            "of the peak: 0 Gauss' curve, 100 Tustin's exponential",
+            "of the peak: 0 Gauss' curve, 100 Tustin's exponential, 2 between",
             starts=(2.0,),
         ),
     ),
