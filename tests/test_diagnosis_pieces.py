@@ -18,7 +18,8 @@ from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import settled
 from hdagen.diagnosis.fitting import _prior
 from hdagen.diagnosis.linear import Gram, Linear
-from hdagen.diagnosis.search import _bare, first_whole
+from hdagen.diagnosis.memory import returned
+from hdagen.diagnosis.search import BRIM, _bare, _brimming, first_whole
 from hdagen.diagnosis.told import Told
 from hdagen.diagnosis.torsion import _walls, _zeroed
 
@@ -180,6 +181,28 @@ def test_what_differs_at_standstill_only_is_not_named_twice() -> None:
     uneven = Atom("asymmetric_friction", 1, "motor", ("asymmetric_torque_1",), {}, True)
     assert bias.twin(uneven) and uneven.twin(bias)
     assert not bias.twin(bias) and not other.twin(uneven)
+
+
+def test_what_stands_at_its_brim_is_tried_the_fullest_first() -> None:
+    names = ("payload@2", "cable_spring@1", "stiffness@1", "current_bias@1")
+    words = SimpleNamespace(
+        atoms=[SimpleNamespace(name=name) for name in names],
+        columns=[SimpleNamespace(atom=k, spike=0.05) for k in (0, 1, 2, 2, 3, -1)],
+        meant=frozenset({"current_bias@1"}),
+    )
+    mean = 0.05 * np.array([BRIM + 0.1, BRIM - 0.1, 0.2, -3.0, 20.0, 3.0])  # the fourth atom is free, the last no atom
+    assert _brimming(SimpleNamespace(design=SimpleNamespace(words=words), posterior=(mean, None))) == [2, 0]  # type: ignore[arg-type]
+
+
+def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
+    linear, *_ = problem(np.random.default_rng(8))
+    before = linear.reduced(0.3)
+    linear.gram.forget()
+    assert not linear.gram.kept and "spectrum" not in linear.gram.__dict__
+    after = linear.reduced(0.3)
+    assert (before.N == after.N).all() and (before.b == after.b).all() and before.logdet == after.logdet
+    returned()
+    returned()
 
 
 def fit(s: float, lacks: float, level: float = 1.0) -> Any:
