@@ -206,7 +206,7 @@ def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float
     """Expected log evidence, nats, by which the motion separates each pair of ``effects``; of more than two without
     those that no channel of the log shows."""
     at = modelled(arm, kept.simulation.log, effects, kept.simulation.state)
-    linear, random = replace(at.linear(), temperature=1.0), np.random.default_rng(0)
+    linear, random = at.linear(1.0), np.random.default_rng(0)
     energy = np.diagonal(linear.gram.products, axis1=1, axis2=2).sum(0)[linear.m + linear.k :]
     shown = {
         at.words.atoms[c.atom].name for c, e in zip(at.words.columns, energy, strict=True) if c.atom >= 0 and e > 0

@@ -46,13 +46,14 @@ class Design:
     residual: Array
     k: int
 
-    def linear(self) -> Linear:
-        """The cross products with the residual as it would be at nominal parameters."""
+    def linear(self, temperature: float = TEMPERATURE) -> Linear:
+        """The cross products with the residual as it would be at nominal parameters; the likelihood counts as its root
+        of order ``temperature``."""
         head = self.shooting.m + self.k
         theta, edges = self.words.theta(self.point.p), self.edges
         r = self.residual.reshape(-1) + theta @ self.columns[head:]
         z = np.stack([self.columns[:, part] @ r[part] for part in self.parts])
-        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), np.diff(edges), theta, TEMPERATURE)
+        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), np.diff(edges), theta, temperature)
 
     @property
     def edges(self) -> np.ndarray:
