@@ -15,15 +15,16 @@ from hdagen.blind.sizes import SIZES
 SAME = {"asymmetric_friction": "current_bias"}  # equal but near standstill (contract): either name counts
 BINS = 10
 _VISIBLE_GAP, _WORSE = 1.5, 1.02  # a gap that can be closed; a gap that has grown
+_CLOSABLE = 0.5  # multiples of the noise, that a flexible correction closes at least where it is a measure
 
 
 @dataclass(frozen=True)
 class Row:
     """One case. ``truth``, ``verdict``, ``ranked`` and ``confounded`` hold name@joint with names that count as the
     same made one; ``p_truth`` the probability of the truth, ``p_top`` of the first cause, ``p_stated`` of the leading
-    hypothesis before it was calibrated; ``brier`` over the
-    hypotheses; ``found``: parameters of the verdict's causes; ``before``, ``after``: gap on the hold-out;
-    ``failed``: why there is no diagnosis, else empty."""
+    hypothesis before it was calibrated; ``brier`` over the hypotheses; ``found``: parameters of the verdict's causes;
+    ``before``, ``after``: gap on the hold-out; ``achieved``: share of what a flexible correction closes, as the
+    diagnosis says; ``failed``: why there is no diagnosis, else empty."""
 
     name: str
     truth: tuple[str, ...]
@@ -44,6 +45,7 @@ class Row:
     seconds: float = math.nan
     before: float = math.nan
     after: float = math.nan
+    achieved: float = math.nan
     failed: str = ""
 
     @property
@@ -149,7 +151,17 @@ def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
         "confounded": tuple(dict.fromkeys(confounded)),
         "place": places[0] if places else "",
         "found": found,
+        "achieved": _achieved(said["gap"]),
     }
+
+
+def _achieved(gap: Mapping[str, Any]) -> float:
+    """Share of what a flexible correction closes of the gap, that the verdict closes, as the diagnosis itself found it
+    on what it held out; NaN where there is nothing to close."""
+    before, after, flexible = gap["before"], gap["after"], gap["achievable"]
+    if flexible is None or before - flexible <= _CLOSABLE:
+        return math.nan
+    return float((before - after) / (before - flexible))
 
 
 def _probability(value: Any) -> float:
@@ -198,6 +210,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
         "pair_f1": mean([_f1(row) for row in pairs]),
         "pair_both": rate([set(row.verdict) == set(row.truth) for row in pairs]),
         "closed": median([closed(row) for row in gaps if row.before > _VISIBLE_GAP and row.truth]),
+        "achieved": median([row.achieved for row in rows if math.isfinite(row.achieved) and row.truth]),
         "worse": rate([row.after > _WORSE * row.before for row in gaps]),
         "seconds": median([row.seconds for row in rows if math.isfinite(row.seconds)]),
     }

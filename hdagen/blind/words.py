@@ -24,6 +24,7 @@ WORDS = {
     "sure_and_wrong": "sure and wrong",
     "confounded_where_wrong": "truth among the confounded where wrong",
     "closed": "gap closed on held-out motion, median",
+    "achieved": "gap closed, of what a flexible correction closes, median",
     "worse": "worse than before",
     "seconds": "seconds a diagnosis, median",
     "failed": "failed",
