@@ -205,17 +205,22 @@ def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
     returned()
 
 
-def fit(s: float, lacks: float, level: float = 1.0) -> Any:
-    """A fit that leaves that much."""
+def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -> Any:
+    """A fit that leaves that much, of the torque, and of the evidence unless that is given."""
     at = SimpleNamespace(s=s, level=level)
-    return SimpleNamespace(score=SimpleNamespace(at=at, evidence=-100.0 * lacks), clean=0.0)
+    score = SimpleNamespace(at=at, evidence=-100.0 * (left if lacks is None else lacks))
+    return SimpleNamespace(score=score, clean=0.0, unexplained=np.array([left, 0.0]))
 
 
-def test_unknown_is_what_the_named_effects_leave_of_what_none_lacks() -> None:
+def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
     assert _strange(fit(1.0, 3.0), fit(3.0, 3.1)) > 3  # nothing was told
     assert _strange(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
     assert _strange(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
     assert _strange(fit(0.01, 3.0, level=5.0), fit(0.01, 3.0, level=9.0)) > 3  # no torque, but not noise either
+    assert (
+        _strange(fit(1.0, 3.0, lacks=0.5), fit(3.0, 3.1)) < 0.1
+    )  # a saturation: the torque is none the less unexplained
+    assert _strange(fit(1.0, 0.5, lacks=3.0), fit(3.0, 3.1)) < 0.1  # a large error, told for the most part
     sizes = [_strange(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
     assert sizes == sorted(sizes)
 
