@@ -20,7 +20,7 @@ from hdagen.diagnosis.search import Search
 NONE = 0.5  # prior probability of no effect
 FURTHER = 0.3  # that there is one more
 # size of unexplained torque, in its unit (2 % of the usual motor torque), variance beyond the noise's as a share of it,
-# and share of the log evidence that none lacks, and of the torque that it leaves unexplained, at which it is as probable
+# and share of the evidence that none lacks and of the torque that it leaves unexplained, at which it is as probable
 # as not that something unknown is at work
 UNKNOWN = 0.6, 1.0
 LEFT = 0.6
@@ -126,8 +126,8 @@ def _calibrated(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
 
 def _strange(left: Fitted, none: Fitted) -> float:
     """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named tell
-    little of what none leaves, neither of the evidence, whose logarithm says little of a large error, nor of the torque,
-    which is not what a saturation or an encoder lacks. A real machine always leaves something."""
+    little of what none leaves, neither of the evidence, which is logarithmic in a large error, nor of the torque, which
+    is not what a saturation or an encoder lacks. A real machine always leaves something."""
     size = max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1])
     lacks = [max(fit.clean - fit.score.evidence, LEAST) for fit in (left, none)]
     torques = [max(float(np.linalg.norm(fit.unexplained)), LEAST) for fit in (left, none)]
