@@ -183,7 +183,12 @@ def test_the_pendulum_errs_no_more_than_bam_s_best_model(data_dir: Path, out: Pa
 
 
 @pytest.mark.parametrize(
-    "joint, orders", [pytest.param(4, (1, 2, 14, 24), marks=missed("unknown")), (5, (12, 14)), (7, (12, 24))]
+    "joint, orders",
+    [
+        pytest.param(4, (1, 2, 14, 24), marks=missed("unknown")),
+        pytest.param(5, (12, 14), marks=missed("unknown")),
+        pytest.param(7, (12, 24), marks=missed("unknown")),
+    ],
 )
 def test_a_kinova_joint_has_cycles_of_gear_and_motor(
     joint: int, orders: tuple[int, ...], data_dir: Path, out: Path, diagnose: Diagnose
