@@ -120,8 +120,10 @@ def _calibrated(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     """The same with the leading one's probability as calibrated."""
     first, others = hypotheses[0], hypotheses[1:]
     believed = calibration.read().believed(first.probability)
-    scale = (1.0 - believed) / max(1.0 - first.probability, LEAST)
-    return [replace(first, probability=believed), *(replace(h, probability=scale * h.probability) for h in others)]
+    rest = sum(h.probability for h in others)
+    shares = [h.probability / rest if rest > 0.0 else 1.0 / len(others) for h in others]
+    left = [replace(h, probability=(1.0 - believed) * share) for h, share in zip(others, shares, strict=True)]
+    return [replace(first, probability=believed), *left]
 
 
 def _strange(left: Fitted, none: Fitted) -> float:
