@@ -312,4 +312,4 @@ def test_gen_beside_hdagen_builds_whatever_lies_in_the_working_directory(
 
 
 def test_exact_sensors_are_without_error() -> None:
-    assert Sensors.exact(2) == Sensors((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0.0, 0)
+    assert Sensors.exact(2) == Sensors((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0.0, 0, (0.0, 0.0), (0.0, 0.0))
