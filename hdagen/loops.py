@@ -43,6 +43,11 @@ def closed_loops(
     `simulate.run`. Raises PlantError.
     """
     table = _table(controller, gains)
+    if controller.arm.folder != arm.folder:
+        raise PlantError(
+            f"the controller's model is of another build, {controller.arm.folder.name}, than the arm, "
+            f"{arm.folder.name}; closed loops in lanes take one, with other parameters where they differ."
+        )
     scheme = errors(arm, sensors or Sensors())
     if scheme.delay > LATEST:
         raise PlantError(f"a delay of {scheme.delay} ticks is more than closed loops in lanes take, {LATEST}.")

@@ -98,6 +98,18 @@ class RobotFile:
             tolerance = min(share, 10.0) if share > self._robot["tolerance"] else 0.0
             _set(self._added(place) if table is None else table, place.key, value, unit, tolerance)
 
+    def drop_idle(self) -> None:
+        """Take out the effects whose amplitudes are all 0: what is left computes the same, with less."""
+        acting = {
+            (q["effect"], q["joint"])
+            for q in self._quantities.values()
+            if q["role"] == "amplitude" and q["nominal"] != 0.0
+        }
+        effects: Any = self._document.get("effect", [])
+        for k in reversed(range(len(effects))):
+            if (effects[k]["name"], effects[k]["joint"]) not in acting:
+                del effects[k]
+
     def settle(self, wanted: Arm) -> None:
         """Bring in line what hangs on changed numbers: lumped inertias, defaults that would follow a changed key."""
         for joint, stated in enumerate(self._robot["joints"], 1):

@@ -109,6 +109,8 @@ def test_wrong_sets_are_refused_all_at_once(load: Loaded) -> None:
     said = str(caught.value).splitlines()
     assert len(said) == 4 and "no gain named mass; there are" in said[0] and "no gain named period" in said[1]
     assert "arrays of one length" in said[2] and "mass_x leaves 1e-09 to 1e+06 kg" in said[3]
+    with pytest.raises(PlantError, match="of another build"):
+        closed_loops(load("paper", "portable"), regulator, PATH, {"mass_x": [1.0]}, trajectories)
     for wrong in ({}, {"mass_x": []}, {"mass_x": [[1.0]]}):
         with pytest.raises(PlantError, match="one or more sets"):
             closed_loops(arm, regulator, PATH, wrong, trajectories)

@@ -26,9 +26,11 @@ typedef double HDA_GLUE(HDA_V, _loose) __attribute__((vector_size(8 * HDA_W), al
 #define HDA_LESSER(a, b) ((HDA_V)_mm512_min_pd(a, b))
 #define HDA_GREATER(a, b) ((HDA_V)_mm512_max_pd(a, b))
 #define HDA_IF_ODD(n, a, b) ((HDA_V)_mm512_mask_blend_pd(_mm512_test_epi64_mask((__m512i)(n), _mm512_set1_epi64(1)), b, a))
+#define HDA_BELOW(a) ((HDA_V)_mm512_roundscale_pd(a, _MM_FROUND_TO_NEG_INF))
 #elif HDA_W == 4 && defined(__AVX__)
 #define HDA_LESSER(a, b) ((HDA_V)_mm256_min_pd(a, b))
 #define HDA_GREATER(a, b) ((HDA_V)_mm256_max_pd(a, b))
+#define HDA_BELOW(a) ((HDA_V)_mm256_floor_pd(a))
 #elif HDA_W == 2 && defined(__SSE2__)
 #define HDA_LESSER(a, b) ((HDA_V)_mm_min_pd(a, b))
 #define HDA_GREATER(a, b) ((HDA_V)_mm_max_pd(a, b))
@@ -51,6 +53,14 @@ HDA_FUNCTION(sign)(const HDA_V *a, HDA_V *r) {
 /* Where the first is NaN the second is the result, as in C; a second that is NaN stays NaN, so that one comparison does. */
 HDA_FUNCTION(fmin)(const HDA_V *a, const HDA_V *b, HDA_V *r) { *r = HDA_LESSER(*a, *b); }
 HDA_FUNCTION(fmax)(const HDA_V *a, const HDA_V *b, HDA_V *r) { *r = HDA_GREATER(*a, *b); }
+
+HDA_FUNCTION(floor)(const HDA_V *a, HDA_V *r) {
+#ifdef HDA_BELOW
+    *r = HDA_BELOW(*a);
+#else
+    for (int i = 0; i < HDA_W; i++) (*r)[i] = floor((*a)[i]);
+#endif
+}
 
 HDA_FUNCTION(exp)(const HDA_V *a, HDA_V *r) {
     const HDA_V magic = 6755399441055744.0 - HDA_ZERO; /* 1.5 · 2^52: adding it rounds to an integer in the low bits */
@@ -134,3 +144,4 @@ HDA_FUNCTION(tanh)(const HDA_V *a, HDA_V *r) {
 #undef HDA_IF_ODD
 #undef HDA_LESSER
 #undef HDA_GREATER
+#undef HDA_BELOW

@@ -28,7 +28,8 @@ def produce(
     PlantError."""
     bench = Bench(profile)
     say("building the arms")
-    builds = tuple(bench.arm(robot).folder.name for robot in (ROBOT, TABLE_1, THREE))
+    arms = [*(bench.arm(robot) for robot in (ROBOT, TABLE_1, THREE)), bench.lean()]
+    builds = tuple(arm.folder.name for arm in arms)
     came_from = store.inputs(builds)
     groups: dict[str, list[Listed]] = {}  # what shares runs
     for figure in figures:

@@ -53,19 +53,19 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
     """Every set of the grid: 10 s each at 1 kHz, with encoders of 4096 counts, the same pushes and noise for all."""
     sides = [np.geomspace(*RANGES[letter], count) for letter, count in zip("MBK", shape, strict=True)]
     M, B, K = np.meshgrid(*sides, indexing="ij")
-    path, known = turns(SECONDS), bench.once("known", bench.arm)
+    path, arm = turns(SECONDS), bench.lean()
     gains = {
         f"{name}_{axis}": grid.ravel()
         for name, grid in (("mass", M), ("damping", B), ("stiffness", K))
         for axis in "xy"
     }
-    law_of = controller(known, law, fine=True)
+    law_of = controller(arm, law, fine=True)
 
     def judge(tip: Array, _: Array) -> Array:
         return answers(tip - path.position[:, None], PUSHES, PERIOD).reshape(tip.shape[1], -1)
 
     begun = time.perf_counter()
-    found = closed_loops(bench.arm(), law_of, path, gains, judge, PUSHES, fine_sensors(), seed=1, threads=bench.threads)
+    found = closed_loops(arm, law_of, path, gains, judge, PUSHES, fine_sensors(), seed=1, threads=bench.threads)
     took = time.perf_counter() - begun
     flat = np.stack([M.ravel(), B.ravel(), K.ravel()], axis=1)
     ideals = [
