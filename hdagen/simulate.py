@@ -155,11 +155,16 @@ class Errors:
 
     def read(self, angles: Array) -> Array:
         """Angles (..., 2n), noise on them, as the encoders count them."""
-        return np.where(self._counts, np.round(angles / self._step) * self._step, angles)
+        counted: Array = np.rint(angles / self._step) * self._step
+        return counted if self._all_count else np.where(self._counts, counted, angles)
 
     @cached_property
     def _counts(self) -> NDArray[np.bool_]:
         return self.resolution > 0
+
+    @cached_property
+    def _all_count(self) -> bool:
+        return bool(self._counts.all())
 
     @cached_property
     def _step(self) -> Array:
@@ -227,33 +232,35 @@ def _loop(
 ) -> tuple[Array, Array, Array, Array, NDArray[np.int32]]:
     """Tick by tick: what the encoders said (T, 2n), the states, the torques sent, what a current sensor reads of them
     (T, n), the statuses. What the world adds stands in ``push`` and ``felt`` afterwards."""
-    n, count, period = arm.n, len(rows), controller.guard.period
+    n, count, period, delay = arm.n, len(rows), controller.guard.period, scheme.delay
     steps = arm.steps_in(period)
     x, u, h = arm.rest(q0), np.zeros(arm.nu), np.array([period / steps])
     plant = arm.module.bind("step_exact", x, u, arm.c, h, x)
     shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
-    outputs = {name: np.empty(length) for name, length in shapes}
+    outputs, angles = {name: np.empty(length) for name, length in shapes}, np.empty(2 * n)
+    outputs |= {"motor_position": angles[:n], "joint_position": angles[n:]}
     look = arm.module.bind("outputs", x, u, arm.c, *outputs.values())
     unit, stage = torque_per_input(arm), InputStage(arm, np.zeros(n))
+    tip, velocity = outputs["tip"], outputs["tip_velocity"]
     seen, state = np.empty((count, 2 * n)), np.empty((count, arm.nx))
     torque, shown, status = np.empty((count, n)), np.empty((count, n)), np.empty(count, np.int32)
     controller.restart()
     for k in range(count):
         look.run()
-        raw = np.concatenate([outputs["motor_position"], outputs["joint_position"]])
-        seen[k] = scheme.read(raw + wobble[k])
+        seen[k] = scheme.read(angles + wobble[k])
         state[k] = x
         if world is not None:
-            touch = world(outputs["tip"], outputs["tip_velocity"])
+            touch = world(tip, velocity)
             push[k] += touch
             felt[k] += touch
-        late = max(0, k - scheme.delay)
-        controller.motor_position[:], controller.joint_position[:] = seen[late, :n], seen[late, n:]
-        controller.motor_velocity[:] = (seen[late, :n] - seen[max(0, late - 1), :n]) / period
+        late = max(0, k - delay)
+        now, before = seen[late], seen[max(0, late - 1)]
+        controller.motor_position[:], controller.joint_position[:] = now[:n], now[n:]
+        controller.motor_velocity[:] = (now[:n] - before[:n]) / period
         controller.tip_force[:] = felt[late]
         controller.reference[:] = rows[k]
         # before 0 the arm was at rest and sampled too
-        status[k] = controller.tick(k * period, stamp=(k - scheme.delay) * period)
+        status[k] = controller.tick(k * period, stamp=(k - delay) * period)
         torque[k] = controller.torque
         shown[k] = stage.end
         u[:n], u[n:] = stage.step(torque[k] / unit, period), push[k]
