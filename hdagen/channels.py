@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdagen.stretches import stretches
+
 _RUN = 5  # rows in a row at the same extreme that count as saturated
 _STILL = 0.01  # rad or m; less is compliance and control error of a joint that is held
 _WINDOW = 0.015  # s, of the boxcar that smooths before differentiating
@@ -94,8 +96,7 @@ def _saturated(values: np.ndarray) -> float:
         return 0.0
     rows = 0
     for extreme in (low, high):
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], (values == extreme).astype(np.int8), [0]))))
-        lengths = edges[1::2] - edges[::2]
+        lengths = np.diff(stretches(values == extreme))
         rows += int(lengths[lengths >= _RUN].sum())
     return rows / len(values)
 

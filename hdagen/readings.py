@@ -25,6 +25,19 @@ def encoder_noise(sensor: Mapping[str, float], side: str) -> float:
     return math.hypot(sensor[f"{side}_encoder_resolution"] / math.sqrt(12), sensor[f"{side}_encoder_noise"])
 
 
+def joint_angles(arm: Arm, log: Log) -> Array:
+    """The joints' angles as logged (T, n), rad (m); where a joint has no encoder of its own, by its motor's."""
+    ratios = (arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1))
+    own = [f"joint_position_{j}" for j in range(1, arm.n + 1)]
+    return np.stack(
+        [
+            log[name] if name in log else log[f"motor_position_{j}"] / ratio
+            for j, (name, ratio) in enumerate(zip(own, ratios, strict=True), 1)
+        ],
+        1,
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Readings:
     """The channels, M of them, joint after joint, motor before joint: ``measured`` (T, M); for each its name, the

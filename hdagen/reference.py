@@ -36,6 +36,12 @@ class Reference:
         return np.ascontiguousarray(np.hstack([self.position, self.velocity, self.acceleration]))
 
 
+def smooth_step(share: ArrayLike) -> tuple[Array, Array, Array]:
+    """From 0 at 0 to 1 at 1 without a jump in acceleration (least jerk), with first and second derivative."""
+    s = np.clip(np.asarray(share, float), 0.0, 1.0)
+    return s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
+
+
 def circle(
     radius: float, center: tuple[float, float], turn: float, seconds: float, period: float = 1e-3, start: float = 1.0
 ) -> Reference:
@@ -53,8 +59,8 @@ def circle(
     w = 2 * np.pi / turn
     rising = t < start
     angle = w * np.where(rising, start * (2.5 * s**4 - 3 * s**5 + s**6), t - start / 2)
-    rate = w * np.where(rising, 10 * s**3 - 15 * s**4 + 6 * s**5, 1.0)
-    change = w * np.where(rising, (30 * s**2 - 60 * s**3 + 30 * s**4) / start, 0.0)
+    share, slope, _ = smooth_step(s)
+    rate, change = w * share, w * slope / start
     out, along = np.c_[np.cos(angle), np.sin(angle)], np.c_[-np.sin(angle), np.cos(angle)]
     velocity = radius * rate[:, None] * along
     acceleration = radius * (change[:, None] * along - rate[:, None] ** 2 * out)

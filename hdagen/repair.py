@@ -20,6 +20,7 @@ from hdagen import columns_toml
 from hdagen.columns import split_name
 from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
+from hdagen.stretches import stretches
 from hdagen.suspicion import against_model
 from hdagen.suspicion.finding import Finding, Severity, in_words
 from hdagen.table import Table
@@ -198,12 +199,12 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
         bad |= missing[name]
     if not bad.any():
         return (Log(log.time, columns, log.n_joints, log.source, log.notes) if empty else log), repairs
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], bad.astype(np.int8), [0]))))
-    lengths, first = edges[1::2] - edges[::2], int(edges[0])
+    first, after = stretches(bad).T
+    lengths = after - first
     where = ", ".join(name for name in columns if missing[name].any())
     says = (
         f"{where}: no value in {bad.sum()} row(s), {100 * np.mean(bad):.2g} % of the log, in {len(lengths)} run(s), "
-        f"the longest of {lengths.max()} row(s), first in row {first + 1} ({log.time[first]:.6g} s)"
+        f"the longest of {lengths.max()} row(s), first in row {first[0] + 1} ({log.time[first[0]]:.6g} s)"
     )
     if np.mean(bad) > _LOST or np.count_nonzero(~bad) < 2:
         raise LogError([f"{log.source}: {says}: too many; record with a logger that keeps up, or cut the log there."])

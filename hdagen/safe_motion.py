@@ -16,7 +16,7 @@ import numpy as np
 from hdagen.control import Controller, Guard, Safe
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import full_torque, torque_per_input
-from hdagen.reference import Reference
+from hdagen.reference import Reference, smooth_step
 from hdagen.simulate import Sensors, Simulation, run
 
 MARGIN = 0.9  # of a limit that the nominal arm may reach; an arm with an effect may reach all of it
@@ -180,7 +180,7 @@ def motions(arm: Arm, joint: int, duration: float, period: float) -> list[Motion
     """The motions that are tried, for an effect of ``joint`` (0: of the whole arm)."""
     count = round(duration / period)
     t: Array = np.arange(count, dtype=float) * period
-    ends = _step(np.minimum(t, t[-1] - t) / min(0.5, duration / 8))[:, None]
+    ends = smooth_step(np.minimum(t, t[-1] - t) / min(0.5, duration / 8))[0][:, None]
     alone = np.array([float(joint in (0, j)) for j in range(1, arm.n + 1)])
     gentle = np.where(alone > 0, 1.0, 0.3)  # the other joints change inertia and load meanwhile
     found = [
@@ -194,7 +194,7 @@ def motions(arm: Arm, joint: int, duration: float, period: float) -> list[Motion
     holds = _joints(lambda j: _holds(t, j), arm.n)
     fast = _multisine(t, arm.n, duration / 2, 1.0, min(25.0, 0.1 / period))
     third = (3 * t / duration).astype(int)[:, None]
-    parts = _step(np.minimum(3 * t / duration % 1, 1 - 3 * t / duration % 1) / 0.1)[:, None]
+    parts = smooth_step(np.minimum(3 * t / duration % 1, 1 - 3 * t / duration % 1) / 0.1)[0][:, None]
     turns = _joints(lambda j: _ramps(3 * t % duration, (1, -1, 0.3, -0.3), j), arm.n)
     rests = _joints(lambda j: _holds(3 * t % duration, j), arm.n)
     found += [
@@ -210,12 +210,6 @@ def motions(arm: Arm, joint: int, duration: float, period: float) -> list[Motion
     if joint and arm.n > 1:
         found.append(Motion("slow reversals, the other joints at rest", ends * slow * alone))
     return found
-
-
-def _step(s: Array) -> Array:
-    """From 0 to 1 without a jump in acceleration."""
-    s = np.clip(s, 0.0, 1.0)
-    return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _joints(shape: Callable[[int], Array], n: int) -> Array:
@@ -258,7 +252,7 @@ def _holds(t: Array, j: int) -> Array:
         poses = np.array([0.0, -0.8, 0.2, 0.9, -0.3, 0.6, 1.0, -0.5, -1.0, 0.0])
     place = np.clip(t / t.max() * 9, 0, 9 - 1e-9)
     k = place.astype(int)
-    return poses[k] + (poses[k + 1] - poses[k]) * _step(3 * (place - k))
+    return poses[k] + (poses[k + 1] - poses[k]) * smooth_step(3 * (place - k))[0]
 
 
 def _rounded(wave: Array) -> Array:

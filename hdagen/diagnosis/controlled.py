@@ -16,8 +16,8 @@ import numpy as np
 from hdagen.control import Controller, Guard, Safe
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import torque_per_input
-from hdagen.reference import Reference
+from hdagen.readings import joint_angles, torque_per_input
+from hdagen.reference import Reference, smooth_step
 from hdagen.simulate import Simulation, World, run
 
 LAW = "impedance_joint"
@@ -84,11 +84,7 @@ def _tips(arm: Arm, q: Array) -> Array:
 
 def _motion(arm: Arm, log: Log) -> tuple[Array, Array, Array]:
     """Ends of a swing (n) and the joints' largest speeds (n) in the log."""
-    q = []
-    for j in range(1, arm.n + 1):
-        own = f"joint_position_{j}"
-        q.append(log[own] if own in log else log[f"motor_position_{j}"] / arm.parameters[f"ratio_{j}"])
-    angles = np.stack(q, 1)
+    angles = joint_angles(arm, log)
     rows = max(1, round(0.02 / log.period))  # noise does not count as speed
     speed = np.abs(angles[rows:] - angles[:-rows]) / (log.time[rows:] - log.time[:-rows])[:, None]
     low, high = np.quantile(angles, RANGE, axis=0)
@@ -116,9 +112,8 @@ def _into_wall(arm: Arm, q: Array, period: float) -> tuple[Reference, World]:
         raise PlantError("joint 1 hardly moves the tip where the log's motion has its middle.")
     ahead = way / reach
     time = np.arange(0.0, RISE + HOLD, period)
-    s = np.clip(time / RISE, 0.0, 1.0)
-    share = s**3 * (10 - 15 * s + 6 * s**2)
-    rate, bend = 30 * s**2 * (1 - s) ** 2 / RISE, 60 * s * (1 - s) * (1 - 2 * s) / RISE**2
+    share, rate, bend = smooth_step(time / RISE)
+    rate, bend = rate / RISE, bend / RISE**2
     step = np.zeros(arm.n)
     step[0] = PRESSED / reach
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hdagen.joined import joined
 from hdagen.log import Log
 from hdagen.plant import Array
+from hdagen.stretches import stretches
 
 SHARE = 0.2  # of a log that is held out
 SPAN = 5.0  # s, of which one block is held out; a shorter log has SPANS of them
@@ -45,9 +46,7 @@ class Portion:
     @property
     def spans(self) -> list[tuple[float, float]]:
         """Begin and end of each stretch of rows, s."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.rows, [False]]).astype(int)))
-        time = self.log.time
-        return [(float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2)]
+        return [(float(self.log.time[a]), float(self.log.time[b - 1])) for a, b in stretches(self.rows)]
 
     def at(self, time: Array) -> Mask:
         """Whether the rows nearest to instants (K,) are in it."""

@@ -23,7 +23,7 @@ from hdagen import late
 from hdagen.diagnosis.record import Record
 from hdagen.diagnosis.together import THREADS, together
 from hdagen.plant import Arm, Array
-from hdagen.readings import full_torsion, limits, mechanical, torque_per_input, unread
+from hdagen.readings import full_torsion, joint_angles, limits, mechanical, torque_per_input, unread
 
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
 MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
@@ -186,13 +186,5 @@ class Shooting:
     @cached_property
     def mobility(self) -> Array:
         """The inverse of the mass matrix (T, n, n) where the arm was measured: what an impulse on the links does."""
-        arm, log = self.arm, self.record.log
-        q = [
-            log[f"joint_position_{j}"]
-            if f"joint_position_{j}" in log
-            else log[f"motor_position_{j}"] / arm.parameters[f"ratio_{j}"]
-            for j in range(1, arm.n + 1)
-        ]
-        return np.asarray(
-            np.linalg.inv(arm.evaluate("mass_matrix", q=np.stack(q, 1))["M"].reshape(-1, arm.n, arm.n)), float
-        )
+        arm, q = self.arm, joint_angles(self.arm, self.record.log)
+        return np.asarray(np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n)), float)

@@ -14,6 +14,7 @@ import numpy as np
 from hdagen.diagnosis.record import Record, usual_torque
 from hdagen.diagnosis.torsion import torsion
 from hdagen.plant import Arm, Array
+from hdagen.readings import joint_angles
 
 BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows that lie beyond a wall that is tried
 SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in usual sizes
@@ -67,12 +68,10 @@ def _units(arm: Arm, record: Record) -> dict[str, float]:
 def _ends(arm: Arm, record: Record) -> dict[str, tuple[float, ...]]:
     """Walls near the ends of the range."""
     found: dict[str, tuple[float, ...]] = {}
-    log = record.log
+    angles = joint_angles(arm, record.log)
     for j in range(1, arm.n + 1):
         if f"contact_above_{j}" in arm.parameters.described:
-            ratio = arm.parameters[f"ratio_{j}"]
-            q = log[f"joint_position_{j}"] if f"joint_position_{j}" in log else log[f"motor_position_{j}"] / ratio
-            q = q[record.shown]
+            q = angles[record.shown, j - 1]
             found[f"contact_above_{j}"] = tuple(float(np.quantile(q, 1 - share)) for share in BEYOND)
             found[f"contact_below_{j}"] = tuple(float(np.quantile(q, share)) for share in BEYOND)
     return found

@@ -13,6 +13,7 @@ from hdagen.pages.frame import Layout, group, letters, shortened, text_width
 from hdagen.pages.markup import tag
 from hdagen.pages.palette import DASHES
 from hdagen.pages.thin import Array, extremes
+from hdagen.stretches import stretches
 
 GAP = 26.0  # between columns, px
 NEAR = 0.7  # px
@@ -86,10 +87,9 @@ def _curve(trace: Trace, plot: Plot, width: float, height: float) -> str:
     area = ""
     if trace.spread:
         whole = ~np.isnan(columns[1] + columns[2] + x)
-        edges = np.flatnonzero(np.diff(np.r_[False, whole, False]))
         rings = [
             path(np.r_[x[a:b], x[a:b][::-1]], np.r_[columns[1][a:b], columns[2][a:b][::-1]]) + "Z"
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
+            for a, b in stretches(whole)
         ]
         area = tag("path", d="".join(rings), class_="spread", fill="currentColor", fill_opacity=0.18)
     points = trace.draw == "points"

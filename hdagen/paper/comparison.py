@@ -11,6 +11,7 @@ from hdagen.paper.estimator import Rows
 from hdagen.paper.prototype import LAWS, Bench, fine_sensors
 from hdagen.paper.result import Axes, Claim, Curve, Result
 from hdagen.plant import Array
+from hdagen.stretches import stretches
 
 
 def fig21(bench: Bench) -> Result:
@@ -64,8 +65,7 @@ def _apart(one: Collided, other: Collided) -> Array:
 
 def _stretches(time: Array, rows: Rows) -> list[tuple[float, float]]:
     """From when to when ``rows`` are true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
-    pairs = [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    pairs = [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in stretches(rows)]
     return [(a, b) for a, b in pairs if b - a > 0.1]
 
 

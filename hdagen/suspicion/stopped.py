@@ -8,6 +8,7 @@ import numpy as np
 
 from hdagen.channels import Channel
 from hdagen.log import Log
+from hdagen.stretches import stretches
 from hdagen.suspicion.effort import Motion, unexplained
 from hdagen.suspicion.finding import Finding, Severity
 from hdagen.suspicion.inputs import INPUTS, PAIRS
@@ -130,8 +131,7 @@ def _runs(log: Log, name: str, shortest: float) -> list[tuple[int, int]]:
     values, least = log[name], max(_ROWS, round(shortest / log.period))
     runs = []
     for extreme in (values.min(), values.max()):
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], (values == extreme).astype(np.int8), [0]))))
-        runs += [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
+        runs += [(int(a), int(b)) for a, b in stretches(values == extreme) if b - a >= least]
     return sorted(runs)
 
 
