@@ -114,6 +114,8 @@ class MPC(Controller):
         self.torque: Array = np.zeros(n)
         self._status: NDArray[np.int32] = np.zeros(1, np.int32)
         self._report = np.zeros(module.length("mpc_report", "report"))
+        ends = np.cumsum([0, *(length for _, length in report_names(self.arm))]).tolist()
+        self._parts = {name: slice(*ends[k : k + 2]) for k, (name, _) in enumerate(report_names(self.arm))}
         self._share()
 
     def _bind(self, module: Any) -> None:
@@ -211,9 +213,8 @@ class MPC(Controller):
     def report(self) -> Report:
         """What the last tick did; before `prepare`."""
         self._say.run()
-        ends = np.cumsum([length for _, length in report_names(self.arm)])
-        parts = np.split(self._report.copy(), ends[:-1])
-        r = dict(zip((name for name, _ in report_names(self.arm)), parts, strict=True))
+        said = self._report.copy()
+        r = {name: said[part] for name, part in self._parts.items()}
         whole = {name: int(r[name][0]) for name in ("failures", "solved", "factored", "interior")}
         by = {
             what: dict(zip(FAMILIES, r[what].tolist(), strict=True))

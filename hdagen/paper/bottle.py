@@ -7,6 +7,7 @@ n; p, v place and velocity of the bottle, which dry friction holds while f stays
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import hypot
 
 import numpy as np
 
@@ -38,30 +39,36 @@ class Bottle:
 
     def __call__(self, tip: Array, velocity: Array) -> Array:
         """Force of the bottle on the tip, N (2), held over the tick in which the bottle moves on."""
-        away = tip - self.p
-        distance = float(np.hypot(*away))
-        n = away / distance if distance else np.array([0.0, 1.0])
-        depth = RADIUS - distance
-        closing = -float(n @ (velocity - self.v))
-        push = max(self.stiffness * depth + DAMPING * closing, 0.0) * n if depth > 0 else np.zeros(2)
+        (x, y), (px, py), (vx, vy) = tip.tolist(), self.p.tolist(), self.v.tolist()
+        away = hypot(x - px, y - py)
+        nx, ny = ((x - px) / away, (y - py) / away) if away else (0.0, 1.0)
+        depth, size = RADIUS - away, 0.0
+        if depth > 0:
+            closing = -(nx * (float(velocity[0]) - vx) + ny * (float(velocity[1]) - vy))
+            size = max(self.stiffness * depth + DAMPING * closing, 0.0)
+        push = np.array([size * nx, size * ny])
         self.force.append(push)
-        self.place.append(self.p.copy())
+        self.place.append(self.p)
         self.depth.append(depth)
-        self._slide(-push)
+        self._slide(-size * nx, -size * ny, vx, vy)
         return push
 
-    def _slide(self, push: Array) -> None:
+    def _slide(self, fx: float, fy: float, vx: float, vy: float) -> None:
         """Coulomb friction: at rest it holds, in motion it opposes and stops."""
         level, h = self.friction * self.mass * GRAVITY, self.period / PARTS
+        pushed = hypot(fx, fy)
+        if vx == vy == 0.0 and pushed <= level:
+            return
+        px, py = self.p.tolist()
         for _ in range(PARTS):
-            speed = float(np.hypot(*self.v))
-            if speed == 0.0:
-                pushed = float(np.hypot(*push))
+            if vx == vy == 0.0:
                 if pushed <= level:
-                    return
-                self.v = h * (push - level * push / pushed) / self.mass
+                    break
+                vx, vy = (h * (f - level * f / pushed) / self.mass for f in (fx, fy))
             else:
-                free = self.v + h * push / self.mass
-                left = float(np.hypot(*free))
-                self.v = free * max(0.0, 1.0 - h * level / self.mass / left) if left else free
-            self.p = self.p + h * self.v
+                free_x, free_y = vx + h * fx / self.mass, vy + h * fy / self.mass
+                left = hypot(free_x, free_y)
+                share = max(0.0, 1.0 - h * level / self.mass / left) if left else 1.0
+                vx, vy = free_x * share, free_y * share
+            px, py = px + h * vx, py + h * vy
+        self.p, self.v = np.array([px, py]), np.array([vx, vy])

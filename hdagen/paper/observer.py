@@ -45,16 +45,17 @@ class TipForce:
         n, module, c = self.n, model.module, model.c.copy()
         self.theta, self.q, self.v = np.zeros(n), np.zeros(n), np.zeros(n)
         self.torque, self.torsion, none = np.zeros(n), np.zeros(n), np.zeros(n)
-        self.M, self.C, self.g = np.zeros(n * n), np.zeros(n * n), np.zeros(n)
-        self.J, tip, bend = np.zeros(2 * n), np.zeros(2), np.zeros(2)
+        mass, coriolis, self.g = np.zeros(n * n), np.zeros(n * n), np.zeros(n)
+        jacobian, tip, bend = np.zeros(2 * n), np.zeros(2), np.zeros(2)
+        self.M, self.C, self.J = mass.reshape(n, n).T, coriolis.reshape(n, n).T, jacobian.reshape(n, 2).T
         unused = np.zeros(n), np.zeros(n)
         self._functions = (
             module.bind("torque_estimate", self.theta, self.q, none, none, none, c, self.torque, *unused),
             module.bind("torsion", self.torque, c, self.torsion),
-            module.bind("mass_matrix", self.q, c, self.M),
-            module.bind("coriolis_matrix", self.q, self.v, c, self.C),
+            module.bind("mass_matrix", self.q, c, mass),
+            module.bind("coriolis_matrix", self.q, self.v, c, coriolis),
             module.bind("gravity_torque", self.q, c, self.g),
-            module.bind("tip_jacobian", self.q, self.v, c, self.J, tip, bend),
+            module.bind("tip_jacobian", self.q, self.v, c, jacobian, tip, bend),
         )
 
     def restart(self) -> None:
@@ -67,27 +68,25 @@ class TipForce:
 
     def tick(self, theta: Array, q: Array) -> Array:
         """F_e (2, N) from motor and joint positions (n each, rad) of this tick."""
-        n, h = self.n, self.period
+        h = self.period
         self.v[:] = (q - self.q) / h if self.begun else 0.0
         self.theta[:], self.q[:] = theta, q
         for function in self._functions:
             function.run()
-        M, C, J = self.M.reshape(n, n).T, self.C.reshape(n, n).T, self.J.reshape(n, 2).T
         if not self.begun:
             self.begun, self.phi = True, self.torsion.copy()
         torque = self.torque + self.height * self._wind()
-        self.total = self.total + h * (torque + C.T @ self.v - self.g + self.r)
-        self.r = np.asarray(self.bandwidth * (M @ self.v - self.total), float)
-        return _solved(J @ J.T, J @ self.r)
+        self.total += h * (torque + self.C.T @ self.v - self.g + self.r)
+        self.r = self.bandwidth * (self.M @ self.v - self.total)
+        return _solved(self.J @ self.J.T, self.J @ self.r)
 
     def _wind(self) -> Array:
         """The hysteresis state (n), dz = (dφ − |dφ| z)/δ along the torsion below WINDING, exact from tick to tick."""
         step = self.share * (self.torsion - self.phi)
-        self.phi = self.phi + step
+        self.phi += step
         sign = np.sign(step)
-        wound: Array = sign + (self.wound - sign) * np.exp(-np.abs(step) / self.angle)
-        self.wound = wound
-        return wound
+        self.wound = sign + (self.wound - sign) * np.exp(-np.abs(step) / self.angle)
+        return self.wound
 
 
 def _solved(A: Array, b: Array) -> Array:
