@@ -77,20 +77,30 @@ def collided(
     fine: bool = False,
     stiffness: float = STIFFNESS,
     friction: float = FRICTION,
+    seed: int = 1,
 ) -> Collided:
     """Two circles, the bottle in the way of the first."""
 
     def make() -> Collided:
         world = Bottle(PLACE, stiffness=stiffness, friction=friction)
-        found = tracked(bench, law, mbk, (), SECONDS, fine, world=world)
+        found = tracked(bench, law, mbk, (), SECONDS, fine, world=world, seed=seed)
         return Collided(found, np.array(world.force), np.array(world.place), np.array(world.depth))
 
-    return bench.once(("collided", law, mbk, fine, stiffness, friction), make)
+    return bench.once(("collided", law, mbk, fine, stiffness, friction, seed), make)
 
 
 def sets(bench: Bench, law: str, published: bool = False) -> list[Collided]:
     """The three sets of a law."""
     return [collided(bench, law, mbk) for mbk in (TABLE_5[law] if published else SENSIBLE)]
+
+
+def farther(bench: Bench, fine: bool, seed: int) -> list[float]:
+    """By how much admittance control yields more than impedance control, set by set, m."""
+    impedance, admittance = (
+        [collided(bench, law, mbk, fine, seed=seed).pushed_back for mbk in SENSIBLE]
+        for law in ("impedance", "admittance")
+    )
+    return [theirs - ours for ours, theirs in zip(impedance, admittance, strict=True)]
 
 
 def vibrations(bench: Bench, law: str) -> dict[str, list[float]]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from hdagen.paper.collided import SENSIBLE, TABLE_5, Collided, collided
+from hdagen.paper.collided import SENSIBLE, TABLE_5, Collided, collided, sets
 from hdagen.paper.estimator import Rows
 from hdagen.paper.prototype import LAWS, Bench, fine_sensors
 from hdagen.paper.result import Axes, Claim, Curve, Result
@@ -35,6 +36,8 @@ def fig21(bench: Bench) -> Result:
         ])
         for axis, letter in enumerate("xy")
     ]  # fmt: skip
+    soft = sets(bench, "predictive")
+    parts += [_three(soft, axis) for axis in range(2)]
     distances = {"Hall sensors": apart[False], "4096 counts": apart[True], "impedance and predictive": predicted}
     curves = [Curve(name, time, values) for name, values in distances.items()]
     bands = [(*ends, "touching") for ends in _stretches(time, touching)]
@@ -45,16 +48,30 @@ def fig21(bench: Bench) -> Result:
         f"mean_apart{words}{'_4096' if fine else ''}": values[rows].mean()
         for fine, values in apart.items() for words, rows in (("", slice(None)), ("_touching", touching))
     } | {
+        f"predictive_set_{k}": one.numbers() for k, one in enumerate(soft, 1)
+    } | {
         "mean_apart_predictive_touching": predicted[touching].mean(),
         "published_impedance_lost_at": published.run.lost,
     }  # fmt: skip
     claims = _claims_21(numbers)
-    text = f"Both controllers with M, B, K = {SENSIBLE[1]} against the bottle; predictive control beside them."
+    text = (
+        f"Both controllers with M, B, K = {SENSIBLE[1]} against the bottle; predictive control beside them, below with "
+        "all three sets of Figs. 19 and 20."
+    )
     logs = {f"{law}{'_4096' if fine else ''}": run.run.log for (law, fine), run in runs.items()}
+    logs |= {f"predictive_set{k}": soft[k - 1].run.log for k in (1, 3)}
     own = bench.robot_file({}, sensors=fine_sensors())
     robots = {end: own for end in logs if end.endswith("4096")}
     title = "Collision: both controllers compared"
     return Result("fig21", title, text, parts, claims, numbers, 2, logs=logs, robots=robots)
+
+
+def _three(runs: Sequence[Collided], axis: int) -> Axes:
+    """The sets of a law along x or y."""
+    time, letter = runs[0].run.log.time, "xy"[axis]
+    curves = [Curve("trajectory input", time, runs[0].run.path[:, axis], color="grey", dash="dashed", width=1.0)]
+    curves += [Curve(f"MBK{k}", time, one.run.simulation.tip[:, axis]) for k, one in enumerate(runs, 1)]
+    return Axes(f"predictive control, {letter}", "time (s)", f"{letter} (m)", curves)
 
 
 def _apart(one: Collided, other: Collided) -> Array:
@@ -69,7 +86,7 @@ def _stretches(time: Array, rows: Rows) -> list[tuple[float, float]]:
     return [(a, b) for a, b in pairs if b - a > 0.1]
 
 
-def _claims_21(numbers: Mapping[str, float | None]) -> list[Claim]:
+def _claims_21(numbers: Mapping[str, Any]) -> list[Claim]:
     whole, touching, fine, fine_touching, predicted = (
         1e3 * (numbers[f"mean_apart{end}"] or 0.0)
         for end in ("", "_touching", "_4096", "_touching_4096", "_predictive_touching")

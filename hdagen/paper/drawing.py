@@ -20,8 +20,11 @@ from hdagen.plant import PlantError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
 
 WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a part alone, a row of parts, a row of a table
+LEFT, BOTTOM, TOP, EDGE, BAR = 0.68, 0.46, 0.28, 0.15, 0.86  # inches around axes; beside a map, its scale of colours
 LEGEND, LEGEND_ROOM, LEGEND_ROW = 7.5, 262.0, 0.16  # points: its letters, how wide it may be; inches: a row of it
 MOST = 4000  # samples of a curve; each stretch keeps its smallest and its largest
 STYLE: Any = {
@@ -45,22 +48,21 @@ def drawn(result: Result) -> tuple[bytes, bytes]:
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     rows = _rows(result)
     columns = max(len(row) for row in rows)
     wide = WIDTH * columns if columns > 1 else WIDE
     heights = [max(_height(part) for part in row) for row in rows]
     with mpl.rc_context(STYLE):
-        engine = ConstrainedLayoutEngine()
-        figure = Figure(figsize=(wide, sum(heights) + 0.3), layout=engine)
+        figure = Figure(figsize=(wide, sum(heights) + EDGE))
         FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(len(rows), columns, height_ratios=heights)
-        for k, row in enumerate(rows):
+        top = sum(heights)
+        for row, height in zip(rows, heights, strict=True):
+            cell = wide / len(row) if len(row) == 1 else wide / columns
+            legend = max(_legend(part) for part in row)
             for at, part in enumerate(row):
-                _draw(figure.add_subplot(grid[k, :] if len(row) == 1 else grid[k, at]), part, wide)
-        engine.execute(figure)
-        figure.set_layout_engine(None)  # what has been laid out once holds for both files
+                _draw(_placed(figure, part, (at * cell, top - height, cell, height - legend)), part, wide)
+            top -= height
         svg, png = io.BytesIO(), io.BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "hdagen"})
         figure.savefig(png, format="png", dpi=150, metadata={"Software": "hdagen"})
@@ -82,7 +84,24 @@ def _height(part: Part) -> float:
     if isinstance(part, Grid):
         return 0.5 + GRID_ROW * (len(part.rows) + 1)
     own = WIDTH * 0.85 if isinstance(part, Axes) and part.equal else HEIGHT
-    return own + LEGEND_ROW * _columns(_labels(part))[1] if isinstance(part, Axes) else own
+    return own + _legend(part)
+
+
+def _legend(part: Part) -> float:
+    """Inches that its legend takes above the axes."""
+    return LEGEND_ROW * _columns(_labels(part))[1] if isinstance(part, Axes) else 0.0
+
+
+def _placed(figure: Figure, part: Part, cell: tuple[float, float, float, float]) -> Plot:
+    """New axes within a cell (left, bottom, width, height in inches): those of a row and of a column are in line."""
+    left, bottom, wide, high = cell
+    if isinstance(part, Grid):
+        sides = (EDGE, EDGE, EDGE, TOP)
+    else:
+        sides = (LEFT, BAR if isinstance(part, Map) else EDGE, BOTTOM, TOP)
+    box = left + sides[0], bottom + sides[2], wide - sides[0] - sides[1], high - sides[2] - sides[3]
+    width, height = figure.get_size_inches()
+    return figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
 
 
 def _labels(part: Axes) -> list[str]:
@@ -124,8 +143,9 @@ def _axes(plot: Plot, part: Axes) -> None:
     plot.set_yscale("log" if part.log_y else "linear")
     if part.equal:
         plot.set_aspect("equal", adjustable="datalim")
-    if part.log_y:
-        _decades(plot)
+    for axis, log in ((plot.xaxis, part.log_x), (plot.yaxis, part.log_y)):
+        if log:
+            _decades(axis)
     plot.set_xlabel(across.label)
     plot.set_ylabel(up.label)
     _headed(plot, part.heading)
@@ -141,13 +161,13 @@ def _bands(plot: Plot, part: Axes, across: Quantity) -> None:
         said.add(words)
 
 
-def _decades(plot: Plot) -> None:
+def _decades(axis: Axis) -> None:
     """Plain numbers on a logarithmic axis, few enough to be read."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    plot.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    plot.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    plot.yaxis.set_minor_formatter(NullFormatter())
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _headed(plot: Plot, heading: str) -> None:
@@ -194,8 +214,9 @@ def _map(plot: Plot, part: Map) -> None:
     unit = fit(part.value_label, [values], margin=0.0).quantity
     shades = LinearSegmentedColormap.from_list("pages", SEQUENTIAL)
     mesh = plot.pcolormesh(np.asarray(part.x), np.asarray(part.y), values * unit.factor, cmap=shades, rasterized=True)
-    figure = plot.figure
-    figure.colorbar(mesh, ax=plot, label=unit.label)
+    box, width = plot.get_position(), plot.figure.get_size_inches()[0]
+    beside = plot.figure.add_axes((box.x1 + 0.08 / width, box.y0, 0.1 / width, box.height))
+    plot.figure.colorbar(mesh, cax=beside, label=unit.label)
     plot.grid(visible=False)
     plot.set_xscale("log" if part.log_x else "linear")
     plot.set_yscale("log" if part.log_y else "linear")

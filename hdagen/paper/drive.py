@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from hdagen.paper.prototype import TABLE_1, Bench, Driven, driven
+from hdagen.paper.answer import answers
+from hdagen.paper.compliance import BASE, SECONDS
+from hdagen.paper.prototype import PERIOD, PUSHES, TABLE_1, Bench, Driven, cartesian, driven, pushed, turns
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Part, Result
 from hdagen.plant import Arm, Array
 
@@ -15,6 +19,7 @@ HELD = {
     f"{key}_{j}": value for key, value in (("coulomb_friction", LOCKED), ("friction_smoothing", 3.0)) for j in (1, 2)
 }
 REVERSIBLE = {"hysteresis_torque_1": 0.0, "hysteresis_torque_2": 0.0}
+TABLE_1_ROTOR = 1.21e-4 + 0.079e-4  # kg m², J_m + J_w of Table I
 GEARLESS = {"coulomb_friction_1": 0.0}
 ARM = 0.3  # m from joint 1 to the tip of the straight arm
 NO_LOAD, SPEED, EFFICIENCY = 0.493, 3730 * 2 * np.pi / 60, 0.85  # A, rad/s: Table II
@@ -61,7 +66,23 @@ def table1(bench: Bench) -> Result:
     grid = Grid(
         "Table I: parameters of the validation model", ("parameter", "paper", "here", "same digits", "from"), cells, 7
     )
-    return Result("table1", "Parameters of the validation model", text, [grid], claims, {"rows": cells}, columns=1)
+    title = "Parameters of the validation model"
+    return Result("table1", title, text, [grid], claims, {"rows": cells}, 1, [_rotor(bench)])
+
+
+def _rotor(bench: Bench) -> Choice:
+    """The two rotors on Fig. 11's own set."""
+    gains, path = cartesian(*BASE.values()), turns(SECONDS)
+    other = {f"motor_inertia_{j}": TABLE_1_ROTOR for j in (1, 2)}
+    words = []
+    for name, changes in (("Table II's", {}), ("Table I's", other)):
+        run = bench.once(("rotor", name), partial(pushed, bench, "admittance", gains, path, changes=changes))
+        settling, overshoot, largest = answers((run.tip - path.position)[:, None], PUSHES, PERIOD)[0, 0]
+        words.append(
+            f"{name}: Fig. 11's middle set settles in {settling:.2f} s, overshoots by {100 * overshoot:.0f} %, moves "
+            f"{1e3 * largest:.1f} mm"
+        )
+    return Choice("rotor inertia J_m", words[0], f"{words[1]}, with a controller that believes the other")
 
 
 def _to_digits(value: float, text: str) -> bool:

@@ -60,9 +60,14 @@ def compensating(bench: Bench, fine: bool) -> tuple[Arm, Array]:
 
 
 def handled(
-    bench: Bench, powered: bool, sensors: Sensors | None, changes: Mapping[str, float] | None = None, before: str = ""
+    bench: Bench,
+    powered: bool,
+    sensors: Sensors | None,
+    changes: Mapping[str, float] | None = None,
+    before: str = "",
+    torque: float = JOINT_TORQUE,
 ) -> Driven:
-    """The handle pushed to and fro for 10 s; powered: both motors give 4 N m at the joint, slowly to and fro.
+    """The handle pushed to and fro for 10 s; powered: both motors give ``torque`` at the joint, slowly to and fro.
     ``before``: "leaned", the arm had been leaned on before the log begins; "held", a hand holds it when it begins."""
     early = round(2.0 / PERIOD) if before else 0
     time = np.asarray((np.arange(round(10.0 / PERIOD) + early) - early) * PERIOD, float)
@@ -73,7 +78,7 @@ def handled(
     push[:, 1] += HELD * (_eased(time, -1.5) - _eased(time, let_go))
     current = np.zeros((len(time), 2))
     if powered:
-        level = JOINT_TORQUE / 100.0 / CONSTANT
+        level = torque / 100.0 / CONSTANT
         current[:] = (level * np.sign(np.cos(2 * np.pi * time / 5.0)) * (time >= 0))[:, None]
     arm = bench.arm(changes={**machine(), **(changes or {})})
     found = driven(arm, current, push, POSTURE, sensors, 1)

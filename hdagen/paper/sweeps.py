@@ -4,7 +4,7 @@ closed loops of thousands of sets on the prototype, controller and sensors in th
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby, pairwise
@@ -13,16 +13,18 @@ import numpy as np
 
 from hdagen.loops import closed_loops
 from hdagen.paper.answer import MEASURES, answers, damping_ratio, ideally
-from hdagen.paper.compliance import BASE, FLAT, SECONDS
+from hdagen.paper.compliance import BASE, FLAT, SECONDS, UNITS
 from hdagen.paper.prototype import PERIOD, PUSH, PUSHES, Bench, cartesian, controller, fine_sensors, pushed, turns
 from hdagen.paper.result import Axes, Claim, Curve, Grid, Map, Part, Result
 from hdagen.plant import Array
 
 RANGES = {"M": (0.5, 32.0), "B": (5.0, 500.0), "K": (200.0, 2000.0)}  # kg, N s/m, N/m
-SHAPES = {"admittance": (16, 25, 25), "impedance": (10, 16, 16)}  # 10 000 and 2560 sets
-LABELS = {"M": "M (kg)", "B": "B (N s/m)", "K": "K (N/m)"}
+SHAPE = (16, 25, 25)  # 10 000 sets
+LABELS = {letter: f"{letter} ({unit})" for letter, unit in UNITS.items()}
+RATIO = "damping ratio B/(2 √(K M)) (1)"
 VALUES = ("settling time (s)", "overshoot (1)", "largest displacement (m)")
 REGIONS = {"under-damped": (0.0, 0.7), "near critical": (0.7, 1.4), "over-damped": (1.4, np.inf)}  # damping ratio
+CLASSES = np.geomspace(0.05, 8.0, 15)  # of damping ratio
 KEEPS = 0.9  # share of neighbours from which a claim holds
 TOGETHER, COARSE = 2000, 0.01  # sets of the ideal at once; s from row to row of it, exact at its rows
 
@@ -46,7 +48,7 @@ class Sweep:
 
 def whole(bench: Bench, law: str) -> Sweep:
     """The sweep of a law's map."""
-    return bench.once(("swept", law), partial(swept, bench, law, SHAPES[law]))
+    return bench.once(("swept", law), partial(swept, bench, law, SHAPE))
 
 
 def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
@@ -79,17 +81,34 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
 def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, float]]:
     """Mean exponent of a measure (of the push in x) by M, B and K, region by region: −1 halves it where the letter is
     doubled, 0 leaves it. A mean, for settling to a band moves in steps of half a swing."""
-    values = table[..., 0, MEASURES.index(measure)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(np.where(values > 1e-4, values, np.nan))
     found: dict[str, dict[str, float]] = {}
-    for axis, letter in enumerate("MBK"):
-        side = np.log(np.moveaxis(getattr(sweep, letter), axis, 0)[:, 0, 0])
-        slope = np.gradient(logs, side, axis=axis)
+    for letter in "MBK":
+        slope = _slopes(sweep, table, letter, measure)
         found[letter] = {}
         for region, (low, high) in REGIONS.items():
             inside = slope[(sweep.ratio >= low) & (sweep.ratio < high) & np.isfinite(slope)]
             found[letter][region] = float(np.mean(inside)) if len(inside) > 20 else float("nan")
+    return found
+
+
+def _slopes(sweep: Sweep, table: Array, letter: str, measure: str) -> Array:
+    """d log measure / d log letter at every set (m, b, k), NaN where there is hardly anything to measure."""
+    axis, values = "MBK".index(letter), table[..., 0, MEASURES.index(measure)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log(np.where(values > 1e-4, values, np.nan))
+    side = np.log(np.moveaxis(getattr(sweep, letter), axis, 0)[:, 0, 0])
+    slopes: Array = np.gradient(logs, side, axis=axis)
+    return slopes
+
+
+def powers(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[float, float]]:
+    """(damping ratio, mean exponent of the measure by ``letter``) in classes of damping ratio."""
+    slope = _slopes(sweep, table, letter, measure)
+    found = []
+    for low, high in pairwise(CLASSES):
+        inside = slope[(sweep.ratio >= low) & (sweep.ratio < high) & np.isfinite(slope)]
+        if len(inside) >= 10:
+            found.append((float(np.sqrt(low * high)), float(np.mean(inside))))
     return found
 
 
@@ -104,9 +123,8 @@ def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list
     usual = float(np.median(values[np.isfinite(values)]))
     middle = np.moveaxis(sweep.ratio, axis, 0)
     ratio = np.moveaxis(np.sqrt(middle[1:] * middle[:-1]), 0, axis)
-    edges = np.geomspace(0.05, 8.0, 15)
     found = []
-    for low, high in pairwise(edges):
+    for low, high in pairwise(CLASSES):
         inside = (ratio >= low) & (ratio < high) & ~np.isnan(step)
         if inside.sum() >= 10:
             keeps = sign * step[inside] > -1e-3 * usual
@@ -130,10 +148,13 @@ WORDS = {
 }
 
 
-def held(shares: list[tuple[float, float]]) -> tuple[float, float] | None:
-    """The longest range of damping ratios in which at least nine in ten neighbours keep the claim; None where none
-    do."""
-    runs = [list(run) for kept, run in groupby(shares, lambda one: one[1] >= KEEPS) if kept]
+PHASE = "Of a push that lasts 1 s the swing that follows goes by the phase in which it ends, too"
+
+
+def held(shares: list[tuple[float, float]], keeps: Callable[[float], bool] = lambda share: share >= KEEPS) -> tuple[float, float] | None:
+    """The longest range of damping ratios whose classes all keep the claim: by default at least nine in ten neighbours
+    do; None where none does."""
+    runs = [list(run) for kept, run in groupby(shares, lambda one: keeps(one[1])) if kept]
     longest = max(runs, key=len, default=[])
     return (longest[0][0], longest[-1][0]) if longest else None
 
@@ -156,10 +177,14 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
         measure: {"arm": exponents(sweep, sweep.arm, measure), "ideal": exponents(sweep, sweep.ideal, measure)}
         for measure in MEASURES
     }
+    goes = {letter: powers(sweep, sweep.arm, letter, "settling") for letter in "MBK"}
+    flat = held(goes["K"], lambda power: abs(power) < FLAT)
     heading = "where each claim holds: share of neighbouring sets that keep it"
     parts: list[Part] = [
         *_planes(sweep),
-        Axes(heading, "damping ratio B/(2 √(K M)) (1)", "share (1)", curves, log_x=True),
+        Axes(heading, RATIO, "share (1)", curves, log_x=True),
+        _powers(sweep, "settling", "the settling time"),
+        _powers(sweep, "overshoot", "the overshoot"),
         _table(by),
     ]
     lost = float(np.isnan(sweep.arm[..., 0, 2]).mean())
@@ -171,13 +196,15 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
         "exponents": by,
         "holds_for_damping_ratios": {WORDS[key]: held(found) for key, found in shares.items()},
         "shares": {WORDS[key]: found for key, found in shares.items()},
+        "settling_powers": goes,
+        "settling_without_K_for_damping_ratios": flat,
     }
     text = (
         f"{sweep.M.size} sets of M, B and K, each 10 s in closed loop at 1 kHz on the prototype with encoders of 4096 "
         "counts: current loop, delay, friction with the smooth sign, hysteresis and torsion. Maps are planes of the "
         f"grid through the set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x."
     )
-    claims = [*_claims(by, shares, lost), *([_alike(bench, by)] if law == "impedance" else [])]
+    claims = [*_claims(by, shares, flat, lost), *([_alike(bench, by)] if law == "impedance" else [])]
     path = turns(SECONDS)
     middle = pushed(bench, law, cartesian(*BASE.values()), path, fine=True)
     logs, robots = {"middle": middle.log}, {"middle": bench.robot_file({}, sensors=fine_sensors())}
@@ -197,13 +224,22 @@ def _alike(bench: Bench, by: Mapping[str, Mapping[str, Mapping[str, Mapping[str,
     seen = {key: value for key, value in apart.items() if np.isfinite(value)}
     worst = max(seen, key=lambda key: seen[key])
     under = max(value for (_, _, region), value in seen.items() if region == "under-damped")
+    usual = [_usual(sweep, worst[0], worst[2]) for sweep in (other, whole(bench, "impedance"))]
     return Claim(
         "admittance and impedance show similar trends for adjusting B and M",
         f"mean exponents of settling and overshoot by M and B differ by {under:.2f} at most under-damped, by "
-        f"{seen[worst]:.2f} anywhere ({worst[0]} by {worst[1]}, {worst[2]})",
+        f"{seen[worst]:.2f} at most anywhere ({worst[0]} by {worst[1]}, {worst[2]})",
         bool(under < FLAT),
-        f"held alike below {FLAT:g} under-damped; over-damped there is hardly an overshoot to compare",
+        f"held alike below {FLAT:g} under-damped; {worst[2]} the {worst[0]} is {usual[0]} (admittance) and {usual[1]} "
+        "(impedance) in the median",
     )
+
+
+def _usual(sweep: Sweep, measure: str, region: str) -> str:
+    """The median of a measure in a region."""
+    low, high = REGIONS[region]
+    value = float(np.nanmedian(sweep.arm[(sweep.ratio >= low) & (sweep.ratio < high)][:, 0, MEASURES.index(measure)]))
+    return f"{100 * value:.2g} %" if measure == "overshoot" else f"{value:.2g} s"
 
 
 def _planes(sweep: Sweep) -> list[Map]:
@@ -215,11 +251,26 @@ def _planes(sweep: Sweep) -> list[Map]:
         for measure, label in enumerate(VALUES):
             plane = np.take(sweep.arm[..., 0, measure], at[fixed], axis="MBK".index(fixed))
             rows = plane.T if "MBK".index(across) < "MBK".index(up) else plane
-            heading = f"{label.partition(' (')[0]}, {fixed} = {sides[fixed][at[fixed]]:.3g}"
+            heading = f"{label.partition(' (')[0]}, {fixed} = {sides[fixed][at[fixed]]:.3g} {UNITS[fixed]}"
             found.append(
                 Map(heading, LABELS[across], LABELS[up], label, _edges(sides[across]), _edges(sides[up]), rows)
             )
     return found
+
+
+def _powers(sweep: Sweep, measure: str, words: str) -> Axes:
+    """With which power a measure goes with M, B and K, of the arm and of the ideal."""
+    curves = [
+        Curve(f"{letter}{of}", *np.array(found).T, color=color, dash=dash)
+        for of, table, dash in (("", sweep.arm, "solid"), (", ideal", sweep.ideal, "dotted"))
+        for letter, color in zip("MBK", ("blue", "vermilion", "green"), strict=True)
+        if len(found := powers(sweep, table, letter, measure))
+    ]
+    return Axes(f"power with which {words} goes with M, B, K", RATIO, "exponent (1)", curves, log_x=True)
+
+
+def _range(found: tuple[float, float] | None) -> str:
+    return "nowhere" if found is None else f"for damping ratios of {found[0]:.2g} to {found[1]:.2g}"
 
 
 def _edges(centres: Array) -> Array:
@@ -250,9 +301,10 @@ def _both(arm: float, ideal: float) -> str:
 def _claims(
     by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]],
     shares: Mapping[tuple[str, str], list[tuple[float, float]]],
+    flat: tuple[float, float] | None,
     lost: float,
 ) -> list[Claim]:
-    settles, largest = by["settling"]["arm"], by["largest"]["arm"]
+    settles, swings, largest = (by[measure]["arm"] for measure in MEASURES)
 
     def where(key: tuple[str, str]) -> str:
         found, worst = held(shares[key]), min(share for _, share in shares[key])
@@ -261,23 +313,24 @@ def _claims(
             return f"in {most} or more everywhere in the grid"
         if found is None:
             return f"nowhere in {most}, {100 * worst:.0f} % at worst"
-        return f"in {most} or more for damping ratios of {found[0]:.2g} to {found[1]:.2g}, {100 * worst:.0f} % at worst"
+        return f"in {most} or more {_range(found)}, {100 * worst:.0f} % at worst"
 
     under = "under-damped"
     return [
         Claim(
             "a smaller M settles faster, with less overshoot",
             f"faster {where(('M', 'settling'))}, settling ∝ M^{settles['M'][under]:.2f} under-damped; less overshoot "
-            f"{where(('M', 'overshoot'))}",
-            settles["M"][under] > 0.5,
-            "the envelope is e^(−B t/2M); over-damped the slow pole is K/B, without M",
+            f"{where(('M', 'overshoot'))}, overshoot ∝ M^{swings['M'][under]:.2f} under-damped",
+            settles["M"][under] > 0.5 and swings["M"][under] > 0.2,
+            f"the envelope is e^(−B t/2M); over-damped the slow pole is K/B, without M. {PHASE}",
         ),
         Claim(
             "a larger B settles faster, with less overshoot",
             f"faster {where(('B', 'settling'))}, settling ∝ B^{settles['B'][under]:.2f} under-damped and "
-            f"B^{settles['B']['over-damped']:.2f} over-damped; less overshoot {where(('B', 'overshoot'))}",
-            settles["B"][under] < -0.5,
-            "over-damped a larger B is slower: the slow pole is K/B",
+            f"B^{settles['B']['over-damped']:.2f} over-damped; less overshoot {where(('B', 'overshoot'))}, overshoot ∝ "
+            f"B^{swings['B'][under]:.2f} under-damped",
+            settles["B"][under] < -0.5 and swings["B"][under] < -0.5,
+            f"over-damped a larger B is slower: the slow pole is K/B. {PHASE}",
         ),
         Claim(
             "a larger K moves less",
@@ -287,7 +340,8 @@ def _claims(
         ),
         Claim(
             "K does not affect the settling time, under-damped",
-            f"settling ∝ K^{settles['K'][under]:.2f} under-damped, K^{settles['K']['over-damped']:.2f} over-damped",
+            f"settling ∝ K^{settles['K'][under]:.2f} under-damped, K^{settles['K']['over-damped']:.2f} over-damped; "
+            f"less than the power {FLAT:g} {_range(flat)}",
             abs(settles["K"][under]) < 0.2,
             "over-damped a larger K is faster: K/B",
         ),
