@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a part alone, a row of parts, a row of a table
 LEFT, BOTTOM, TOP, EDGE, BAR = 0.68, 0.46, 0.28, 0.15, 0.86  # inches around axes; beside a map, its scale of colours
 LEGEND, LEGEND_ROOM, LEGEND_ROW = 7.5, 262.0, 0.16  # points: its letters, how wide it may be; inches: a row of it
+NARROW = 400.0  # from the least to the largest of a logarithmic axis, so that it has room for 1, 2, 5
 MOST = 4000  # samples of a curve; each stretch keeps its smallest and its largest
 STYLE: Any = {
     "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": LEGEND,
@@ -143,9 +144,11 @@ def _axes(plot: Plot, part: Axes) -> None:
     plot.set_yscale("log" if part.log_y else "linear")
     if part.equal:
         plot.set_aspect("equal", adjustable="datalim")
-    for axis, log in ((plot.xaxis, part.log_x), (plot.yaxis, part.log_y)):
-        if log:
-            _decades(axis)
+    if part.log_x:
+        low, high = plot.get_xlim()
+        _decades(plot.xaxis, (1.0, 2.0, 5.0) if high < NARROW * low else (1.0,))
+    if part.log_y:
+        _decades(plot.yaxis, (1.0, 2.0, 5.0))
     plot.set_xlabel(across.label)
     plot.set_ylabel(up.label)
     _headed(plot, part.heading)
@@ -161,11 +164,11 @@ def _bands(plot: Plot, part: Axes, across: Quantity) -> None:
         said.add(words)
 
 
-def _decades(axis: Axis) -> None:
-    """Plain numbers on a logarithmic axis, few enough to be read."""
+def _decades(axis: Axis, digits: tuple[float, ...]) -> None:
+    """Plain numbers that begin with ``digits`` on a logarithmic axis."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_locator(LogLocator(subs=digits))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 

@@ -202,7 +202,8 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
     text = (
         f"{sweep.M.size} sets of M, B and K, each 10 s in closed loop at 1 kHz on the prototype with encoders of 4096 "
         "counts: current loop, delay, friction with the smooth sign, hysteresis and torsion. Maps are planes of the "
-        f"grid through the set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x."
+        f"grid through the set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x. "
+        "White: not settled 2 s after it, or lost."
     )
     claims = [*_claims(by, shares, flat, lost), *([_alike(bench, by)] if law == "impedance" else [])]
     path = turns(SECONDS)
