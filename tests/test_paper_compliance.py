@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hdagen.paper import collided, comparison, compliance, sweeps
+from hdagen.loops import closed_loops
+from hdagen.paper import collided, collision, comparison, compliance, sweeps
 from hdagen.paper.answer import answers
 from hdagen.paper.prototype import PERIOD, PUSHES, Bench, cartesian, controller, fine_sensors, turns
 from hdagen.paper.tracking import PUBLISHED, SECONDS, SENSIBLE, SHOVES, TABLE_4, tracked
@@ -58,6 +59,8 @@ def test_where_the_claims_stop_is_where_the_damping_is_critical(bench: Bench) ->
     faster = sweeps.share_that_keeps(sweep, "B", "settling", -1)
     kept = sweeps.held(faster)
     assert kept is not None and 0.4 < kept[1] < 1.6
+    flat = sweeps.held(sweeps.powers(sweep, sweep.ideal, "K", "settling"), lambda power: abs(power) < compliance.FLAT)
+    assert flat is not None and flat[1] < 1.0, "K is felt in the settling time from critical damping on"
     assert min(share for _, share in sweeps.share_that_keeps(sweep, "K", "largest", -1)) >= sweeps.KEEPS
 
 
@@ -75,6 +78,21 @@ def test_a_sweep_answers_as_single_runs_do(bench: Bench) -> None:
     alone = run(bench.arm(), controller(bench.arm(), "admittance", gains, fine=True), path, PUSHES, fine_sensors(), 1)
     found = answers((alone.tip - path.position)[:, None], PUSHES, PERIOD)[0]
     assert np.allclose(sweep.arm[0, 1, 1], found, rtol=0.05, atol=2e-3, equal_nan=True)
+
+
+def test_what_is_switched_off_can_be_left_out(bench: Bench) -> None:
+    """The arm that is swept has fewer states than the prototype and answers the same, to the last digit."""
+    lean, whole = bench.lean(), bench.arm()
+    assert lean.nx < whole.nx
+    assert {name: lean.parameters[name] for name in lean.parameters} == {
+        name: whole.parameters[name] for name in lean.parameters
+    }
+    path, gains = turns(3.5), {"mass_x": [1.0, 8.0], "stiffness_y": [300.0, 900.0]}
+    found = [
+        closed_loops(arm, controller(arm, "impedance", fine=True), path, gains, lambda tip, _: tip[-1], PUSHES)
+        for arm in (lean, whole)
+    ]
+    assert np.allclose(found[0], found[1], rtol=0, atol=1e-12) and np.ptp(found[0][:, 0]) > 1e-4
 
 
 def test_published_parameters_do_what_the_page_says_of_them(bench: Bench) -> None:
@@ -103,10 +121,16 @@ def test_softer_sets_yield_more_and_damping_calms(bench: Bench) -> None:
     assert (np.diff(collided.vibrations(bench, "impedance")["B"]) < 0).all()
 
 
-def test_impedance_yields_less_than_admittance_and_both_go_alike(bench: Bench) -> None:
-    both = zip(collided.sets(bench, "impedance"), collided.sets(bench, "admittance"), strict=True)
-    less = [two.pushed_back - one.pushed_back for one, two in both]
-    assert min(less[:2]) > 1e-5 and abs(less[2]) < 1e-5, "the softest set: as far, to a hundredth of a millimetre"
+def test_impedance_yields_less_where_it_is_stiff_on_hall_sensors_and_nowhere_else(bench: Bench) -> None:
+    """Why the paper's claim does not hold: the noise decides in the softer sets, and encoders turn it round."""
+    for seed in collision.SEEDS:
+        stiff, *soft = collided.farther(bench, False, seed)
+        assert stiff > 1e-4 and max(map(abs, soft)) < 1e-4
+    stiff, *soft = collided.farther(bench, True, 1)
+    assert -2e-4 < stiff < 0 and max(map(abs, soft)) < 2e-5
+
+
+def test_both_laws_go_alike_against_the_bottle(bench: Bench) -> None:
     result = comparison.fig21(bench)
     assert result.numbers["mean_apart"] < 1e-3
     assert result.numbers["mean_apart_touching_4096"] < 0.135e-3

@@ -219,4 +219,3 @@ def _ten_times(bench: Bench) -> str:
         f"0.4 N m at the motor, 7.6 A: joint 1 is faster than the motor's {legal:g} rad/s after {fast:.2f} s, joint "
         f"torques reach {peak[0]:.0f} and {peak[1]:.0f} N m, and the estimates err by {one:.1f} and {two:.1f} N m rms"
     )
-

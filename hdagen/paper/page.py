@@ -16,7 +16,8 @@ from hdagen.paper.result import Axes, Claim, Grid, Map, Result
 
 SAYS, WHY = ("the paper says", "here"), "why they differ, or from where on"
 OPEN, ERRATA = ("question", "taken", "alternatives"), ("printed", "checked", "how it shows")
-FILLED = 3.0  # times the smaller span that parts which share axes may differ by
+WORDY = 24  # letters from which a cell of a table breaks its lines
+FILLED = 2.0  # times the smaller span that parts which share axes may differ by
 HOLDS = {True: "yes", False: "no", None: "–"}
 
 
@@ -27,7 +28,7 @@ def interactive(result: Result) -> list[str]:
     while k < len(parts):
         part = parts[k]
         if isinstance(part, Grid):
-            out.append(figure.table(part.heading, part.columns, part.rows, digits=part.digits))
+            out.append(figure.table(part.heading, part.columns, part.rows, digits=part.digits, sentences=_wordy(part)))
         elif isinstance(part, Map):
             out.append(
                 figure.heat(
@@ -45,6 +46,15 @@ def interactive(result: Result) -> list[str]:
             out.append(_planes(result, group))
         k += 1
     return out
+
+
+def _wordy(part: Grid) -> list[str]:
+    """The columns whose cells are words, and long ones: they break their lines."""
+    return [
+        name
+        for k, name in enumerate(part.columns)
+        if any(isinstance(row[k], str) and len(str(row[k])) > WORDY and " " in str(row[k]) for row in part.rows)
+    ]
 
 
 def _alike(one: Axes, other: object) -> bool:
@@ -78,7 +88,8 @@ def _planes(result: Result, group: Sequence[Axes]) -> str:
     first = group[0]
     pushed = [f"{words} from {begin:g} to {end:g} s" for axes in group for begin, end, words in axes.bands]
     caption = f"Pushed: {', '.join(dict.fromkeys(pushed))}." if pushed else ""
-    title = result.title if len(group) == len([p for p in result.parts if isinstance(p, Axes)]) else first.heading
+    whole = len(group) == len([part for part in result.parts if isinstance(part, Axes)])
+    title = result.title if whole else "; ".join(axes.heading for axes in group)
     return figure.planes(
         title, drawn, x_label=first.x_label, y_label=first.y_label, columns=min(2, result.columns), equal=first.equal,
         log_x=first.log_x, log_y=first.log_y, caption=caption,

@@ -76,12 +76,13 @@ class Bench:
     def lean(self) -> Arm:
         """The prototype built without the effects that are switched off in it: the same numbers, sooner."""
         if LEAN not in self.folders:
-            file = _preset(ROBOT, self.arm())
+            whole = self.arm()
+            file = _preset(ROBOT, whole)
             file.drop_idle()
             with TemporaryDirectory() as place:
                 path = Path(place) / "lean.toml"
                 path.write_bytes(file.text())
-                self.folders[LEAN] = load(path, self.profile).folder
+                self.folders[LEAN] = load(path, self.profile, out=whole.folder.parent).folder
         return self.arm(LEAN)
 
     def robot_file(self, changes: Mapping[str, float], robot: str = ROBOT, sensors: Sensors | None = None) -> bytes:
