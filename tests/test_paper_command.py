@@ -230,12 +230,13 @@ def test_all_of_it_and_the_claims_are_those_of_the_document(builds: Path, tmp_pa
         sweep = json.loads((out / f"{name}.json").read_text())["numbers"]
         assert sweep["sets"] == 10_000 and sweep["sweep_processor_seconds"] < 60, "30 s of two processors"
     for figure in FIGURES:
-        one_log_is_replayed(out, json.loads((out / f"{figure.name}.json").read_text())["logs"], tmp_path)
+        logs_are_replayed(out, json.loads((out / f"{figure.name}.json").read_text())["logs"], tmp_path)
 
 
-def one_log_is_replayed(out: Path, logs: dict[str, str], tmp_path: Path) -> None:
-    """`hdagen replay` takes the first log with the robot that its figure names, and finds the joints again."""
-    for log, robot in list(logs.items())[:1]:
+def logs_are_replayed(out: Path, logs: dict[str, str], tmp_path: Path) -> None:
+    """`hdagen replay` takes every log with the robot that its figure names, of more than six every third, and finds
+    the joints again."""
+    for log, robot in list(logs.items())[:: 1 if len(logs) <= 6 else 3]:
         file = str(out / robot) if robot.endswith(".toml") else robot
         target = tmp_path / "predicted.parquet"
         assert main(["replay", file, str(out / log), "--profile", "native", "--out", str(target)]) == 0, log

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from hdagen.paper import drive
-from hdagen.paper.prototype import ROBOT, Bench, torsion_of, uncompensated
+from hdagen.paper.prototype import ROBOT, TABLE_1, Bench, torsion_of, uncompensated
 from hdagen.paper.result import Claim, Result
 
 
@@ -60,6 +60,13 @@ def test_a_log_comes_with_the_robot_that_it_is_of(bench: Bench) -> None:
     assert text.decode().count("coulomb_friction = 0.5") == 2 and b"virtual prototype" in text
     changed = bench.robot_file(torsion_of(2, (1e-4, 0.0, 1e-3, 0.0, 0.0, 0.0))).decode()
     assert "encoder_bias = -0.0001" in changed and "kinematic_square = -0.001" in changed
+
+
+def test_a_lumped_inertia_that_is_changed_stands_in_the_file(bench: Bench) -> None:
+    """Table I's J_a is about the joint: the file of Fig. 9's lighter second arm has it so."""
+    changed = bench.robot_file({"inertia_2": 0.33}, TABLE_1).decode()
+    lines = [line.partition("#")[0].strip() for line in changed.splitlines() if line.startswith("inertia_about_joint")]
+    assert lines == ["inertia_about_joint = 0.876", "inertia_about_joint = 0.33"]
 
 
 def test_every_number_of_the_prototype_has_a_source() -> None:

@@ -476,6 +476,18 @@ def test_a_lead_in_a_slow_sine_is_a_phase_and_not_a_row() -> None:
     assert any("which cannot be, and hardly better" in f.sentence for f in found.findings)
 
 
+def test_a_current_that_is_held_is_read_though_its_sensor_has_noise(good: Log) -> None:
+    """Motors without current, or with one that stays: commands that stand still, measurements that do so but for noise
+    and the rise at the beginning."""
+    random, rise = np.random.default_rng(4), 1 - np.exp(-np.arange(len(good)) / 3.0)
+    for level in (0.0, 0.73):
+        held = {f"motor_current_command_{j}": np.full(len(good), level) for j in (1, 2)}
+        held |= {f"motor_current_{j}": level * rise + 0.01 * random.normal(size=len(good)) for j in (1, 2)}
+        assert not [s for s in look(changed(good, **held)).refusals if "it is not read" in s], level
+        lost = held | {"motor_current_1": held["motor_current_1"] + 0.2 * np.sin(9 * good.time)}
+        assert any("motor_current_command_1 stays at" in s for s in look(changed(good, **lost)).refusals), level
+
+
 def test_what_a_passive_joint_s_sensor_reads_is_no_input_that_was_lost(good: Log) -> None:
     random = np.random.default_rng(9)
     small = 0.05 * float(np.std(good["motor_current_2"])) * random.standard_normal(len(good))

@@ -90,9 +90,11 @@ class Bench:
         has them where ``sensors`` says nothing."""
 
         def make() -> bytes:
-            file = _preset(robot, self.arm(robot, changes))
+            arm = self.arm(robot, changes)
+            file = _preset(robot, arm)
             for name, value in changes.items():
                 file.put(file.place(name), value)
+            file.settle(arm)
             return _with_sensors(file.text(), sensors or Sensors())
 
         return self.once(("robot file", robot, tuple(sorted(changes.items())), sensors), make)

@@ -18,6 +18,7 @@ _ROWS = 5
 _NEAR = 4  # rows from which the speed beside a run is taken
 _FAST = 0.2  # share of the usual speed from which a motion is not about to turn
 _ABRUPT = 2.0  # times the largest change of speed elsewhere in the log
+_MOST, _NOISES = 0.95, 4.0  # share of rows in which a measurement is its command, to so many deviations of its noise
 _PASSIVE = 0.25  # share of the strongest joint's input that a joint which is not driven may read
 _BEYOND = 3.0  # times the fit's own error that the motion asks for, where an input is cut off
 _SHARE = 0.05  # of the bound, too
@@ -40,7 +41,9 @@ def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
         ]
         if driven and not _passive(log, channels, joint):
             findings += [
-                _unread(channels[name], f"{driven[0]} does not", joint) for name in inputs if name not in driven
+                _unread(channels[name], f"{driven[0]} does not", joint)
+                for name in inputs
+                if name not in driven and not _kept(log, channels[name], channels, joint)
             ]
         elif inputs:
             findings.append(_driven_by_nothing([channels[name] for name in inputs], joint))
@@ -54,6 +57,15 @@ def _passive(log: Log, channels: Mapping[str, Channel], joint: int) -> bool:
         if command is not None and command.low == command.high == 0.0 and name in log:
             sizes = [np.std(log[f"{measured}_{j}"]) for j in range(1, log.n_joints + 1) if f"{measured}_{j}" in log]
             return bool(np.std(log[name]) < _PASSIVE * max(sizes))
+    return False
+
+
+def _kept(log: Log, command: Channel, channels: Mapping[str, Channel], joint: int) -> bool:
+    """Whether a command that stays at one value is what was measured, but for noise and the rise to it."""
+    for commanded, measured in PAIRS:
+        found = channels.get(f"{measured}_{joint}")
+        if command.name == f"{commanded}_{joint}" and found is not None:
+            return bool(np.quantile(np.abs(log[found.name] - command.low), _MOST) < _NOISES * found.noise)
     return False
 
 
