@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from test_diagnosis import problem
 
-from hdagen.diagnosis import calibration
+from hdagen.diagnosis import calibration, search
 from hdagen.diagnosis.candidates import PRESENT, SPIKE, Atom
-from hdagen.diagnosis.decide import _strange, least
+from hdagen.diagnosis.decide import Hypothesis, _decided, _strange, least
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import settled
 from hdagen.diagnosis.fitting import _prior
@@ -67,6 +67,54 @@ def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
     fits: Any = [lost, kept, other]
     assert first_whole(fits) is kept  # type: ignore[comparison-overlap]
     assert _bare(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
+
+
+@pytest.mark.parametrize(
+    ("probable", "said"),
+    [
+        ({"payload@2": 0.97, "": 0.02}, ("payload@2",)),
+        ({"payload@2": 0.9, "": 0.09}, ()),  # an alarm needs more
+        ({"payload@2": 0.6, "stiffness@1": 0.38, "": 0.01}, ("payload@2",)),  # that there is one is in no doubt
+        ({"unknown@1": 0.6, "": 0.35}, ("unknown@1",)),
+        ({"": 0.9, "payload@2": 0.05}, ()),
+    ],
+)
+def test_no_effect_is_named_where_none_is_in_doubt(probable: dict[str, float], said: tuple[str, ...]) -> None:
+    fit: Any = "where it stands"
+    given = [Hypothesis((name,) if name else (), p, None if "unknown" in name else fit) for name, p in probable.items()]
+    found = _decided(given, fit)
+    assert found.verdict == said
+    assert found.stated == probable["".join(said)]
+    assert next(h.probability for h in found.hypotheses if h.names == said) == found.probability
+    assert [h.probability for h in found.hypotheses] == sorted((h.probability for h in found.hypotheses), reverse=True)
+    np.testing.assert_allclose(sum(h.probability for h in found.hypotheses), 1.0)
+
+
+def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that lags by less than what closeness means, and gains more on the way, wins; what is far behind is left."""
+    ends = {(): -100.0, (1,): -103.0, (2,): -100.0}
+
+    class Fit(SimpleNamespace):
+        whole, excess, names = True, 1.0, ()
+
+        def bare(self) -> Any:
+            return self
+
+    def fit(atoms: tuple[int, ...], evidence: float) -> Any:
+        return Fit(atoms=atoms, score=SimpleNamespace(evidence=evidence))
+
+    moved: list[tuple[int, ...]] = []
+
+    def step(one: Any, words: Any, every: bool) -> Any:
+        moved.append(one.atoms)
+        return fit(one.atoms, min(one.score.evidence + 2.0, ends[one.atoms]))
+
+    monkeypatch.setattr(search, "advanced", step)
+    lead, none, far = fit((1,), -104.0), fit((), -108.0), fit((2,), -130.0)
+    found = search._contested([far, none, lead, fit((), -112.0)], None, lambda word: None)  # type: ignore[arg-type]
+    assert [(f.atoms, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
+    assert set(moved) == {(), (1,)}
+    assert search._contested([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------

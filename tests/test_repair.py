@@ -235,6 +235,23 @@ def test_no_window_of_a_fit_reaches_over_a_long_gap(good: Log, arm: Arm) -> None
     assert 1010 in seen.starts  # the first row after the gap
 
 
+def test_a_value_that_repeats_counts_once(good: Log, arm: Arm) -> None:
+    """Counts that do not change err alike: ten rows on one count tell no more than one. Their mean has then the noise
+    that the channel has, however many rows there are."""
+    held = np.repeat(np.arange(len(good) // 10 + 1), 10)[: len(good)] * 1e-3
+    log = Log(good.time, {**good.columns, "motor_position_1": held}, good.n_joints, good.source)
+    seen = record(arm, Portion.whole(log), 0.05)
+    other = record(arm, Portion.whole(good), 0.05)
+    at = seen.names.index("motor_position_1")
+    share = (seen.spread[:, at] / seen.noise[at]) ** 2
+    rows = len(seen.looked[0])
+    assert set(np.round(rows / share[share > 0]).astype(int)) <= {5, 6}  # counts in windows of 50 rows
+    rest = [k for k in range(len(seen.names)) if k != at]
+    np.testing.assert_array_equal(seen.spread[:, rest], other.spread[:, rest])
+    current = seen.names.index("motor_current_1")
+    np.testing.assert_array_equal(seen.spread[:, current], seen.noise[current])  # that has noise of its own
+
+
 def test_a_file_with_holes_is_read_for_repair_and_refused_otherwise(good: Log, arm: Arm, tmp_path: Path) -> None:
     path = tmp_path / "log.parquet"
     write(sparse("motor_temperature_1", 0.9)(changed_with_temperature(holes("joint_position_1", 700, 3)(good))), path)

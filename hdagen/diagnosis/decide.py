@@ -30,6 +30,8 @@ LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of an effect, that another one may bring which makes up for its formula
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
+DOUBT = 0.05  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
+# to change a model that may be right; the level that is usual for tests
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +45,19 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """All hypotheses, the most probable first; ``verdict`` as diagnosis.json has it; ``best`` the fit it stands on;
-    ``stated``: the leading one's probability before it was calibrated."""
+    """All hypotheses, the most probable first; ``verdict`` as diagnosis.json has it, its ``probability``, and what that
+    was before it was calibrated, ``stated``; ``best`` the fit it stands on."""
 
     hypotheses: tuple[Hypothesis, ...]
     verdict: tuple[str, ...]
-    best: Fitted
+    probability: float
     stated: float
+    best: Fitted
 
     @property
     def sure(self) -> bool:
         """Whether nothing else holds more than a tenth of the probability."""
-        return 1.0 - self.hypotheses[0].probability <= SURE and not any("unknown" in v for v in self.verdict)
+        return 1.0 - self.probability <= SURE and not any("unknown" in v for v in self.verdict)
 
     def marginal(self, name: str) -> float:
         """The probability that an effect is present, alone or with others."""
@@ -111,19 +114,23 @@ def decide(search: Search) -> Decision:
     joint = int(np.argmax(left.unexplained)) + 1
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
-        hypotheses.sort(key=lambda h: -h.probability)
-    first = hypotheses[0]
-    return Decision(tuple(_calibrated(hypotheses)), first.names, first.fit or left, first.probability)
+    return _decided(hypotheses, left)
 
 
-def _calibrated(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-    """The same with the leading one's probability as calibrated."""
-    first, others = hypotheses[0], hypotheses[1:]
-    believed = calibration.read().believed(first.probability)
+def _decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
+    """What is said: the most probable hypothesis, and none where that is in doubt, with its probability as calibrated;
+    the others share the rest as before."""
+    said = max(hypotheses, key=lambda h: h.probability)
+    none = next(h for h in hypotheses if not h.names)
+    if none.probability > DOUBT and said.fit is not None:  # what is unknown has none
+        said = none
+    believed = calibration.read().believed(said.probability)
+    others = [h for h in hypotheses if h is not said]
     rest = sum(h.probability for h in others)
     shares = [h.probability / rest if rest > 0.0 else 1.0 / len(others) for h in others]
-    left = [replace(h, probability=(1.0 - believed) * share) for h, share in zip(others, shares, strict=True)]
-    return [replace(first, probability=believed), *left]
+    found = [replace(h, probability=(1.0 - believed) * share) for h, share in zip(others, shares, strict=True)]
+    found = sorted([replace(said, probability=believed), *found], key=lambda h: -h.probability)
+    return Decision(tuple(found), said.names, believed, said.probability, said.fit or left)
 
 
 def _strange(left: Fitted, none: Fitted) -> float:

@@ -53,7 +53,9 @@ class Design:
         theta, edges = self.words.theta(self.point.p), self.edges
         r = self.residual.reshape(-1) + theta @ self.columns[head:]
         z = np.stack([self.columns[:, part] @ r[part] for part in self.parts])
-        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), np.diff(edges), theta, temperature)
+        record = self.shooting.record
+        told = np.add.reduceat(((record.noise / record.spread) ** 2).reshape(-1), edges[:-1])
+        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), told, theta, temperature)
 
     @property
     def edges(self) -> np.ndarray:
@@ -100,7 +102,7 @@ def residual(shooting: Shooting, seen: Array) -> Array:
     apart is as wrong as one can be."""
     record = shooting.record
     measured = record.measured[record.rows[np.concatenate(record.looked)]]
-    return np.asarray(np.clip(measured - seen, -(span := np.ptp(measured, axis=0)), span) / record.noise)
+    return np.asarray(np.clip(measured - seen, -(span := np.ptp(measured, axis=0)), span) / record.spread)
 
 
 def torque_units(shooting: Shooting) -> Array:
@@ -173,10 +175,10 @@ def renewed(at: Design, words: Dictionary, point: Point) -> Design:
 def _differences(shooting: Shooting, point: Point, lanes: list[tuple[Lane, float]]) -> tuple[Array, Array]:
     """What the point predicts (R, M), and the columns of lanes with their steps."""
     seen = predicted(shooting, [Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
-    noise = shooting.record.noise
+    spread = shooting.record.spread
     columns = np.empty((len(lanes), seen[0].size))
     for c, (lane, (_, step)) in enumerate(zip(seen[1:], lanes, strict=True)):
-        columns[c] = ((lane - seen[0]) / noise / step).reshape(-1)
+        columns[c] = ((lane - seen[0]) / spread / step).reshape(-1)
     return seen[0], columns
 
 

@@ -136,6 +136,13 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
     return _scored(there, atoms, fit.score.at.s, fit.clean)
 
 
+def again(fit: Fitted, words: Dictionary) -> Fitted:
+    """A hypothesis whose columns were let go of, with all of them, where it stands."""
+    at = fit.design
+    made = design(at.shooting, words.about(at.shooting.arm, fit.atoms, at.point.p), at.point)
+    return _scored(made, fit.atoms, fit.score.at.s, fit.clean)
+
+
 def advanced(fit: Fitted, words: Dictionary, every: bool = False) -> Fitted:
     """A hypothesis one step further, its columns made anew there: its own, or ``every`` one. As it was where no step
     helps."""

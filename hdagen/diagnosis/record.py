@@ -69,6 +69,16 @@ class Record:
         stride = max(1, math.ceil(values / MOST_VALUES))
         return [np.arange(begins[w], begins[w + 1], stride) for w in self.kept]
 
+    @cached_property
+    def spread(self) -> Array:
+        """Standard deviation of each value that is looked at (rows of ``looked``, M): as often as a channel repeats a
+        value in a window, it tells it once."""
+        told = []
+        for rows in self.looked:
+            seen = self.measured[self.rows[rows]]
+            told.append(np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(seen, axis=0) != 0).sum(0))), seen.shape))
+        return np.concatenate(told) * self.noise
+
     @property
     def edges(self) -> Rows:
         """First row and end of each window (W, 2)."""

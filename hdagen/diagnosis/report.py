@@ -33,7 +33,7 @@ def sentence(content: dict[str, Any]) -> str:
     """The verdict in one sentence, how sure it is, and the gap in another."""
     gap, named = content["gap"], content["verdict"]
     if not named:
-        what = "No effect above the size that counts was found"
+        what = _nothing(content)
     elif named[0].startswith("unknown"):
         joint = named[0].partition("@")[2]
         what = f"Joint {joint} misses something that no known effect explains"
@@ -52,6 +52,17 @@ def sentence(content: dict[str, Any]) -> str:
     if gap["achievable"] is not None:
         line += _beside(gap)
     return f"{line}."
+
+
+def _nothing(content: dict[str, Any]) -> str:
+    """Why no effect is named: none is likely, or one is, but not sure enough."""
+    first = content["hypotheses"][0]
+    if not first["effects"]:
+        return "No effect above the size that counts was found"
+    none = next(h["probability"] for h in content["hypotheses"] if not h["effects"])
+    each = " and ".join(words(entry) for entry in first["effects"])
+    p = first["probability"]
+    return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
 
 
 def _beside(gap: dict[str, Any]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from hdagen.diagnosis.candidates import Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
-from hdagen.diagnosis.fitting import Fitted, advanced, begun, lessened
+from hdagen.diagnosis.fitting import Fitted, advanced, again, begun, lessened
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
@@ -29,6 +29,9 @@ SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
 MUCH = 0.1  # of the log evidence that none lacks
 HOPELESS = 20.0  # temperatures behind the leader
+CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, within which nothing is decided yet; how many such
+STEPS = 8  # that each of them goes on at most
+ENOUGH = 0.1  # of log evidence that a step must bring
 CLEAN = 0.05, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
 
 
@@ -81,7 +84,32 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
             break
         leads, fitted = [lead], _bare(fitted)
     fewer = [atoms for atoms in lead.lesser if len(atoms) in {0, len(lead.atoms) - 1} - {len(lead.atoms)}]
-    return _bare(_ordered([*fitted, *together(partial(_fewer, lead, words, say), fewer)]))
+    return _contested([*fitted, *together(partial(_fewer, lead, words, say), fewer)], words, say)
+
+
+def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]) -> list[Fitted]:
+    """The same, those that are close to the best each where it stands in the end: what is close is not decided by who
+    was left on the way. The best first."""
+    ordered = _ordered(fits)
+    least = ordered[0].score.evidence - CLOSE * ordered[0].excess
+    last = {fit.atoms: fit for fit in reversed(ordered) if fit.score.evidence >= least}  # each set from its best
+    close = list(last.values())[-MOST_CLOSE:]
+    if len(close) < 2:
+        return _bare(ordered)
+    say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
+    rest = [fit.bare() for fit in ordered if fit not in close]
+    return _bare(_ordered([*together(partial(_stood, words=words), close), *rest]))
+
+
+def _stood(fit: Fitted, words: Dictionary) -> Fitted:
+    """A hypothesis where no further step makes it better, all its columns made anew at each."""
+    fit = fit if fit.whole else again(fit, words)
+    for _ in range(STEPS):
+        further = advanced(fit, words, every=True)
+        if further.score.evidence < fit.score.evidence + ENOUGH:
+            break
+        fit = further
+    return fit
 
 
 def _fewer(lead: Fitted, words: Dictionary, say: Callable[[str], None], atoms: tuple[int, ...]) -> Fitted:

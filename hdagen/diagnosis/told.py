@@ -2,8 +2,8 @@
 
 Both are asked of the linear model about the best hypothesis, before the measured values count: had the log held an
 effect of its usual size, or what is named as large as it was found, which evidence would every effect have got? What
-earns less than its prior odds cannot be named from this log; what would fall behind the truth by little is confounded
-with it.
+earns less than takes none out of doubt cannot be named from this log; what would fall behind the truth by little is
+confounded with it.
 
 Source: Chaloner, Verdinelli, Stat. Sci. 10 (1995) 273 (expected information of an experiment).
 """
@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdagen.diagnosis.decide import NONE
+from hdagen.diagnosis.decide import DOUBT, NONE
 from hdagen.diagnosis.evidence import Posterior, gain, posterior
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.plant import Array
@@ -47,7 +47,7 @@ class Told:
 
     def unseen(self) -> list[str]:
         """Effects that would not be named though they were there in their usual size, those that show least first."""
-        needed = float(np.log(NONE / (1.0 - NONE) * len(self.columns)))
+        needed = float(np.log(NONE / (1.0 - NONE) * len(self.columns) * (1.0 - DOUBT) / DOUBT))
         found = {
             name: float(np.mean([self._evidence(name, self._of([k], np.ones(1))) for k in places]))
             for name, places in self.columns.items()
