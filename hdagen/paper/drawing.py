@@ -211,15 +211,18 @@ def _thinned(x: Any, y: Any) -> tuple[Any, Any]:
 
 def _map(plot: Plot, part: Map) -> None:
     from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
     values = np.asarray(part.values, float)
     unit = fit(part.value_label, [values], margin=0.0).quantity
     shades = LinearSegmentedColormap.from_list("pages", SEQUENTIAL)
     mesh = plot.pcolormesh(np.asarray(part.x), np.asarray(part.y), values * unit.factor, cmap=shades, rasterized=True)
-    box, width = plot.get_position(), plot.figure.get_size_inches()[0]
-    beside = plot.figure.add_axes((box.x1 + 0.08 / width, box.y0, 0.1 / width, box.height))
-    plot.figure.colorbar(mesh, cax=beside, label=unit.label)
+    figure = plot.figure
+    assert isinstance(figure, Figure)
+    box, width = plot.get_position(), figure.get_size_inches()[0]
+    beside = figure.add_axes((box.x1 + 0.08 / width, box.y0, 0.1 / width, box.height))
+    figure.colorbar(mesh, cax=beside, label=unit.label)
     plot.grid(visible=False)
     plot.set_xscale("log" if part.log_x else "linear")
     plot.set_yscale("log" if part.log_y else "linear")

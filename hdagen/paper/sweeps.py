@@ -270,12 +270,12 @@ def _planes(sweep: Sweep) -> list[Map]:
 
 def _powers(sweep: Sweep, measure: str, words: str) -> Axes:
     """With which power a measure goes with M, B and K, of the arm and of the ideal."""
-    curves = [
-        Curve(f"{letter}{of}", *np.array(found).T, color=color, dash=dash)
-        for of, table, dash in (("", sweep.arm, "solid"), (", ideal", sweep.ideal, "dotted"))
-        for letter, color in zip("MBK", ("blue", "vermilion", "green"), strict=True)
-        if len(found := powers(sweep, table, letter, measure))
-    ]
+    curves = []
+    for of, table, dash in (("", sweep.arm, "solid"), (", ideal", sweep.ideal, "dotted")):
+        for letter, color in zip("MBK", ("blue", "vermilion", "green"), strict=True):
+            if found := powers(sweep, table, letter, measure):
+                ratio, power = zip(*found, strict=True)
+                curves.append(Curve(f"{letter}{of}", ratio, power, color=color, dash=dash))
     return Axes(f"power with which {words} goes with M, B, K", RATIO, "exponent (1)", curves, log_x=True)
 
 
