@@ -159,6 +159,7 @@ def kept(every: Mapping[str, Varied]) -> dict[str, bool]:
         "B settles": -B[..., 0],
         "B swings": -B[..., 1],
         "K moves": -K[..., 2],
+        "K swings": -K[..., 1],
     }
     found = {name: bool((np.diff(values, axis=0) > 0).all()) for name, values in rise.items()}
     spread = np.log(K[..., 0].max(axis=0) / K[..., 0].min(axis=0)) / np.log(max(VARIED["K"]) / min(VARIED["K"]))
@@ -221,6 +222,13 @@ def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], g
             f"K of 250, 500, 1000 N/m: at most {_words(K[:, 0, 2], 'mm', 1e3)} in x, {_words(K[:, 1, 2], 'mm', 1e3)} "
             "in y",
             ("K moves",),
+        ),
+        claim(
+            "when K increases, the overshoot decreases",
+            f"the swing past the path after the push, in x {_words(K[:, 0, 1], '%', 100)} of the largest displacement, "
+            f"{_words(K[:, 0, 1] * K[:, 0, 2], 'mm', 1e3)}",
+            ("K swings",),
+            "a stiffer spring on the same M and B is less damped; what decreases is the displacement itself, above",
         ),
         claim(
             "K does not affect the settling time",
