@@ -18,6 +18,7 @@ from hdagen.plant import Array
 
 ORDER = 5
 SMOOTH = 101  # rows of the parabola that gives the acceleration
+INSIDE = 0.02  # rad from the ends of the turn, where the published torsion jumps, to where a motion begins
 RISE = 0.05  # s in which the torque is brought up
 LAGS = 200  # rows over which residuals are taken to hang together
 
@@ -51,7 +52,8 @@ def turned(
     turns: float = 1.0,
     fine: bool = False,
 ) -> Driven:
-    """Joint j turned by a constant motor torque, ``above`` running friction; backwards it begins ``turns`` on."""
+    """Joint j turned by a constant motor torque, ``above`` running friction, from one end of
+    ``turns`` to the other."""
     arm = bench.arm(changes=changes)
     torque = arm.parameters[f"coulomb_friction_{j}"] + above
     seconds = 1.5 + 3.2 * turns
@@ -59,7 +61,7 @@ def turned(
     begun = np.clip(np.arange(len(current)) * PERIOD / RISE, 0, 1)
     current[:, j - 1] = begun * direction * torque / arm.parameters[f"torque_constant_{j}"]
     q = np.zeros(2)
-    q[j - 1] = 0.0 if direction > 0 else 2 * np.pi * turns
+    q[j - 1] = INSIDE if direction > 0 else 2 * np.pi * turns - INSIDE
     seed = 1000 * j + round(1e4 * above) + (500 if direction > 0 else 0)  # no two logs have the same noise
     return driven(arm, current, np.zeros((len(current), 2)), q, fine_sensors() if fine else None, seed)
 

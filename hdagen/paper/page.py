@@ -89,7 +89,7 @@ def _planes(result: Result, group: Sequence[Axes]) -> str:
     pushed = [f"{words} from {begin:g} to {end:g} s" for axes in group for begin, end, words in axes.bands]
     caption = f"Pushed: {', '.join(dict.fromkeys(pushed))}." if pushed else ""
     whole = len(group) == len([part for part in result.parts if isinstance(part, Axes)])
-    title = result.title if whole else "; ".join(axes.heading for axes in group)
+    title = result.title if whole or len(group) > 2 else "; ".join(axes.heading for axes in group)
     return figure.planes(
         title, drawn, x_label=first.x_label, y_label=first.y_label, columns=min(2, result.columns), equal=first.equal,
         log_x=first.log_x, log_y=first.log_y, caption=caption,

@@ -212,7 +212,7 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
         f"{sweep.M.size} sets of M, B and K, each 10 s in closed loop at 1 kHz on the prototype with encoders of 4096 "
         "counts: current loop, delay, friction with the smooth sign, hysteresis and torsion. Maps are planes of the "
         f"grid through the set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x. "
-        "White: not settled 2 s after it, or lost."
+        "Empty: not settled 2 s after it, or lost."
     )
     claims = [*_claims(by, shares, flat, lost), *([_alike(bench, by)] if law == "impedance" else [])]
     path = turns(SECONDS)
@@ -295,10 +295,10 @@ def _table(by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]) ->
             arm, ideal = by[measure]["arm"][letter], by[measure]["ideal"][letter]
             rows.append((f"{measure} by {letter}", *(_both(arm[region], ideal[region]) for region in REGIONS)))
     columns = (
-        "mean exponent, arm (ideal)",
-        *(f"{r}, {a:g} to {b:g}" if b < np.inf else f"{r}, above {a:g}" for r, (a, b) in REGIONS.items()),
+        "exponent, arm (ideal)",
+        *(f"ratio {a:g} to {b:g}" if b < np.inf else f"above {a:g}" for a, b in REGIONS.values()),
     )
-    return Grid("how much each measure changes with M, B and K", columns, rows)
+    return Grid(f"how each measure goes with M, B and K: {', '.join(REGIONS)}", columns, rows)
 
 
 def _both(arm: float, ideal: float) -> str:
