@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from compiled import Compiled, Floats
 from numpy.typing import NDArray
 from replayed import FLEXIBLE, RIGID
 
+from hdagen.diagnosis.starts import shared
 from hdagen.input_stage import InputStage
 from hdagen.plant import Arm, PlantError
 
@@ -154,6 +157,22 @@ def test_what_moves_is_continuous_in_the_parameters(arm: Arm, name: str) -> None
     steps = np.abs(np.diff(found, axis=0)).max(axis=(1, 2, 3))
     assert 0.0 < steps.max() < 0.15 * np.abs(command).max()
     assert np.abs(found[-1] - found[0]).max() > 0.5
+
+
+def test_what_one_effect_stands_in_for_is_parted_by_the_currents(arm: Arm) -> None:
+    """A delay and a lag, of which a fit has only the delay, as long as both."""
+    command, _ = motion()
+    dt, shown = np.full(ROWS, 1e-3), np.ones(ROWS, bool)
+    arm.parameters.update({"command_delay_1": 3.4e-3, "current_lag_1": 2e-3})
+    _, at = arm.acting(command, dt, BEFORE)
+    record: Any = SimpleNamespace(
+        log={"motor_current_1": at[:, 0]}, command=command, steps=dt, before=BEFORE, shown=shown
+    )
+    p = np.array([q.nominal for q in arm.parameters.described.values()])
+    p[list(arm.parameters.described).index("command_delay_1")] = 5.4e-3
+    delay, lag = shared(arm, record, p, "command_delay_1", "current_lag_1", 1)
+    assert delay == pytest.approx(3.4e-3, abs=0.5e-3)
+    assert lag == pytest.approx(2e-3, rel=0.5)
 
 
 def test_a_delay_beyond_the_memory_finds_the_oldest_row(arm: Arm) -> None:
