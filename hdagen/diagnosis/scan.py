@@ -91,12 +91,11 @@ def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> lis
     shooting, atom, found = at.shooting, words.atoms[k], []
     names = list(shooting.arm.parameters.described)
     for i in lead:
-        other = words.atoms[i]
-        if {atom.place, other.place} == {"input"} and atom.joint == other.joint:
-            if ("motor_current", atom.joint) in shooting.record.outputs:
-                there, beside = other.amplitudes[0], atom.amplitudes[0]
-                values = shared(shooting.arm, shooting.record, at.point.p, there, beside, atom.joint)
-                found.append(_put(at, atom, dict(zip(map(names.index, (there, beside)), values, strict=True))))
+        other, shown = words.atoms[i], ("motor_current", atom.joint) in shooting.record.outputs
+        if shown and {atom.place, other.place} == {"input"} and atom.joint == other.joint:
+            there, beside = other.amplitudes[0], atom.amplitudes[0]
+            values = shared(shooting.arm, shooting.record, at.point.p, there, beside, atom.joint)
+            found.append(_put(at, atom, dict(zip(map(names.index, (there, beside)), values, strict=True))))
     return found
 
 
