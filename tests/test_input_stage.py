@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from compiled import Compiled, Floats
 from numpy.typing import NDArray
 from replayed import FLEXIBLE, RIGID
 
+from hdagen.diagnosis.starts import shared
 from hdagen.input_stage import InputStage
 from hdagen.plant import Arm, PlantError
 
@@ -106,8 +109,7 @@ def test_delay_and_lag_are_exact(arm: Arm, delay: float, lag: float) -> None:
     mean, at = arm.acting(command, dt, BEFORE)
     expected, end = fine(command[:, 0], dt, delay, lag)
     assert np.abs(mean[:, 0] - expected).max() < (1e-9 if lag else 4e-3), "a sum of 2000 parts is as fine as that"
-    if lag:
-        assert np.abs(at[1:, 0] - end[:-1]).max() < 1e-9
+    assert np.abs(at[1:, 0] - end[:-1]).max() < 1e-9
 
 
 def test_a_delayed_command_is_lagged_as_its_means_over_rows(arm: Arm) -> None:
@@ -143,17 +145,34 @@ def test_the_order_is_delay_limit_lag(arm: Arm) -> None:
 
 
 @pytest.mark.parametrize("name", ["command_delay_1", "current_lag_1", "saturation_inverse_1", "voltage_sag_1"])
-def test_everything_is_continuous_in_the_parameters(arm: Arm, name: str) -> None:
-    """Small changes of a parameter are small changes of the current, from 0 on and across whole rows."""
+def test_what_moves_is_continuous_in_the_parameters(arm: Arm, name: str) -> None:
+    """Small changes of a parameter are small changes of the current, from 0 on and across whole rows; what a sensor
+    reads at an instant jumps where a late command arrives there."""
     command, dt = motion()
     top = {"command_delay_1": 4e-3, "current_lag_1": 4e-3, "saturation_inverse_1": 1.0, "voltage_sag_1": 0.2}[name]
     found = []
     for value in np.linspace(0.0, top, 401):
         arm.parameters[name] = value
-        found.append(np.stack(arm.acting(command, dt, BEFORE)))
+        found.append(np.stack(arm.acting(command, dt, BEFORE)[: 1 if name == "command_delay_1" else 2]))
     steps = np.abs(np.diff(found, axis=0)).max(axis=(1, 2, 3))
     assert 0.0 < steps.max() < 0.15 * np.abs(command).max()
     assert np.abs(found[-1] - found[0]).max() > 0.5
+
+
+def test_what_one_effect_stands_in_for_is_parted_by_the_currents(arm: Arm) -> None:
+    """A delay and a lag, of which a fit has only the delay, as long as both."""
+    command, _ = motion()
+    dt, shown = np.full(ROWS, 1e-3), np.ones(ROWS, bool)
+    arm.parameters.update({"command_delay_1": 3.4e-3, "current_lag_1": 2e-3})
+    _, at = arm.acting(command, dt, BEFORE)
+    record: Any = SimpleNamespace(
+        log={"motor_current_1": at[:, 0]}, command=command, steps=dt, before=BEFORE, shown=shown
+    )
+    p = np.array([q.nominal for q in arm.parameters.described.values()])
+    p[list(arm.parameters.described).index("command_delay_1")] = 5.4e-3
+    delay, lag = shared(arm, record, p, "command_delay_1", "current_lag_1", 1)
+    assert delay == pytest.approx(3.4e-3, abs=0.5e-3)
+    assert lag == pytest.approx(2e-3, rel=0.5)
 
 
 def test_a_delay_beyond_the_memory_finds_the_oldest_row(arm: Arm) -> None:

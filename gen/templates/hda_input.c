@@ -1,7 +1,7 @@
 /* The stage before the mechanics: delay, limits and lag of the current.
  *
  * Legend: u command, i(u) what limits and sag let through of it, d delay, T time constant of the lag, h row, s; w mean over the row
- * of i(u(t - d)); y what acts: T dy/dt = w - y.
+ * of i(u(t - d)); y what acts: i(u(t - d)) without a lag, else T dy/dt = w - y.
  * Nothing here allocates; every loop is bounded.
  */
 #include "hda.h"
@@ -33,6 +33,18 @@ static double delayed(const hda_input_state *state, int j, double delay) {
     return mean;
 }
 
+/* Joint j's current, `delay` s late, at the end of the newest row. */
+static double late(const hda_input_state *state, int j, double delay) {
+    const double h = state->length[state->newest];
+    double begin = delay; /* of the row that is looked at, after the delay */
+    long row = state->newest;
+    for (long back = 1; back < state->count && begin >= h; back++) {
+        row = row ? row - 1 : HDA_INPUT_ROWS - 1;
+        begin -= state->length[row];
+    }
+    return state->current[row][j];
+}
+
 void hda_input_step(hda_input_state *state, const double *command, const double *c, double h, double *mean, double *at_end) {
     double delay[HDA_N], lag[HDA_N], through[HDA_N];
     hda_input_law(command, c, through, delay, lag);
@@ -42,7 +54,8 @@ void hda_input_step(hda_input_state *state, const double *command, const double 
     for (int j = 0; j < HDA_N; j++) state->current[state->newest][j] = through[j];
     for (int j = 0; j < HDA_N; j++) {
         const double w = delay[j] > 0.0 ? delayed(state, j, delay[j]) : through[j];
-        mean[j] = at_end[j] = w;
+        mean[j] = w;
+        at_end[j] = delay[j] > 0.0 ? late(state, j, delay[j]) : through[j];
         if (lag[j] > 0.0) {
             const double left = exp(-h / lag[j]), behind = state->acting[j] - w;
             at_end[j] = w + behind * left;

@@ -1,6 +1,6 @@
 /* The stage before the mechanics: from commands, each held over its row, to the currents that act (torques where the input is
  * torque). Delay, limits and lag are exact in discrete time; where a row of the command arrives in the middle of another, its mean
- * over that row counts, so that everything is continuous in the parameters. Without delay and lag nothing is changed by rounding. */
+ * over that row counts, so that what moves is continuous in the parameters. Without delay and lag nothing is changed by rounding. */
 #ifndef HDA_INPUT_H
 #define HDA_INPUT_H
 

@@ -15,6 +15,7 @@ from hdagen.diagnosis.candidates import ORDER, SLAB, Atom, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, predicted
 from hdagen.diagnosis.evidence import Scored, settled
 from hdagen.diagnosis.shooting import Lane
+from hdagen.diagnosis.starts import shared
 from hdagen.diagnosis.together import together
 from hdagen.plant import Array
 
@@ -42,7 +43,7 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
         (k, point)
         for k, atom in enumerate(words.atoms)
         if atom.name not in meant
-        for point in _displaced(at, words, k, atom)
+        for point in [*_displaced(at, words, k, atom), *(_parted(at, words, lead.atoms, k) if lead else [])]
     ]
     seen = predicted(at.shooting, [Lane(point.p, point.begun) for _, point in tried])
 
@@ -81,6 +82,20 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
             value = c.center + size * c.unit
             if described[c.index].low <= value <= described[c.index].high:
                 found.append(_put(at, atom, {c.index: value}))
+    return found
+
+
+def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> list[Point]:
+    """Points with the atom beside each effect of the lead that works on the same commands, both as the currents show
+    them: of a delay the slope of whole rows says nothing."""
+    shooting, atom, found = at.shooting, words.atoms[k], []
+    names = list(shooting.arm.parameters.described)
+    for i in lead:
+        other, shown = words.atoms[i], ("motor_current", atom.joint) in shooting.record.outputs
+        if shown and {atom.place, other.place} == {"input"} and atom.joint == other.joint:
+            there, beside = other.amplitudes[0], atom.amplitudes[0]
+            values = shared(shooting.arm, shooting.record, at.point.p, there, beside, atom.joint)
+            found.append(_put(at, atom, dict(zip(map(names.index, (there, beside)), values, strict=True))))
     return found
 
 

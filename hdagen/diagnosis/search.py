@@ -23,15 +23,14 @@ MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
 BRIM, MOST_BRIMMING = 2.5, 2  # standard deviations from which what is tolerated is as large as it may be; how many such
 WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
-LONGEST = 3  # further rounds at most, each for another temperature of log evidence
+LONGEST = 3  # further steps at most, each for another temperature of log evidence
 FEWER = 3  # rounds of what has fewer effects than the leader, from where that stands
 SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
 MUCH = 0.1  # of the log evidence that none lacks
 HOPELESS = 20.0  # temperatures behind the leader
 CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, within which nothing is decided yet; how many such
-STEPS = 8  # that each of them goes on at most
-ENOUGH = 0.1  # of log evidence that a step must bring
+STEPS, ENOUGH = 8, 0.1  # that each of them goes on at most, and temperatures of log evidence that one must bring
 CLEAN = 0.05, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
 
 
@@ -92,23 +91,27 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
     was left on the way. The best first."""
     ordered = _ordered(fits)
     least = ordered[0].score.evidence - CLOSE * ordered[0].excess
-    last = {fit.atoms: fit for fit in reversed(ordered) if fit.score.evidence >= least}  # each set from its best
-    close = list(last.values())[-MOST_CLOSE:]
+    best: dict[tuple[int, ...], Fitted] = {}  # each set where it is best
+    for fit in ordered:
+        if fit.score.evidence >= least:
+            best.setdefault(fit.atoms, fit)
+    close = list(best.values())[:MOST_CLOSE]
     if len(close) < 2:
         return _bare(ordered)
     say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
     rest = [fit.bare() for fit in ordered if fit not in close]
-    return _bare(_ordered([*together(partial(_stood, words=words), close), *rest]))
+    stood = together(lambda fit: _on(fit if fit.whole else again(fit, words), words, STEPS, ENOUGH), close)
+    return _bare(_ordered([*stood, *rest]))
 
 
-def _stood(fit: Fitted, words: Dictionary) -> Fitted:
-    """A hypothesis where no further step makes it better, all its columns made anew at each."""
-    fit = fit if fit.whole else again(fit, words)
-    for _ in range(STEPS):
+def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
+    """A hypothesis that goes on, all its columns made anew at each of so many steps, as long as one brings ``enough``
+    temperatures of log evidence."""
+    for _ in range(steps):
         further = advanced(fit, words, every=True)
-        if further.score.evidence < fit.score.evidence + ENOUGH:
+        before, fit = fit, max(fit, further, key=lambda one: one.score.evidence)
+        if further.score.evidence < before.score.evidence + enough * before.excess:
             break
-        fit = further
     return fit
 
 
@@ -187,7 +190,9 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
         del moved
     best = [f for place, f in enumerate(_ordered(field)) if not f.atoms or place < SETTLING]
     rest = [f for f in field if f not in best]
-    settled = together(partial(_settled, lead=best[0], words=words), best)
+    hopeless = best[0].score.evidence - HOPELESS * best[0].excess
+    rest += [f for f in best if f.score.evidence < hopeless]
+    settled = together(lambda f: _on(f, words, LONGEST, 1.0), [f for f in best if f not in rest])
     return _ordered([*out, *rest, *settled])
 
 
@@ -198,18 +203,6 @@ def _further(words: Dictionary, say: Callable[[str], None], when: str, fit: Fitt
 
 def _clean(fit: Fitted) -> bool:
     return fit.score.at.s <= CLEAN[0] and fit.score.at.level <= CLEAN[1]
-
-
-def _settled(fit: Fitted, lead: Fitted, words: Dictionary) -> Fitted:
-    """A hypothesis that goes on as long as it gets better, all its columns made anew; not one far behind ``lead``."""
-    if fit.score.evidence < lead.score.evidence - HOPELESS * lead.excess:
-        return fit
-    for _ in range(LONGEST):
-        further = advanced(fit, words, every=True)
-        if further.score.evidence < fit.score.evidence + fit.excess:
-            return fit if further.score.evidence < fit.score.evidence else further
-        fit = further
-    return fit
 
 
 def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:

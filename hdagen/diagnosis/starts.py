@@ -18,6 +18,7 @@ from hdagen.readings import joint_angles
 
 BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows that lie beyond a wall that is tried
 SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in usual sizes
+SHARES = np.linspace(0.1, 1.0, 19)  # of an input effect, that are left to it beside another one
 SIZED = ("sensor_delay", "backlash_angle")  # read off well enough to be tried at that size
 FRICTION = 0.5  # of the usual input, that dry friction is taken for where nothing else is known
 LEAST = 0.1  # usual sizes, from which that is worth it
@@ -98,6 +99,25 @@ def _inputs(arm: Arm, record: Record) -> dict[str, float]:
         if errors[1 + best] < WORTH * errors[0]:
             sizes[name] = tried[best] - described.nominal
     return sizes
+
+
+def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) -> tuple[float, float]:
+    """The values of an input effect that is ``there`` in the parameters ``p`` (np) and of one ``beside`` it on joint j,
+    with which the commands alone give the measured current best: one may have stood in for both."""
+    measured, described = record.log[f"motor_current_{j}"], arm.parameters.described
+    places = [list(described).index(name) for name in (there, beside)]
+    q, base = described[beside], described[there].nominal
+    error, best = np.inf, (float(p[places[0]]), q.nominal)
+    for share in SHARES:
+        for size in SIZES[:: len(SIZES) // 8] * (q.typical or 0.0):
+            moved = p.copy()
+            moved[places] = base + share * (p[places[0]] - base), np.clip(q.nominal + size, q.low, q.high)
+            arm._prepare(moved)
+            _, at = arm.acting(record.command[:, : arm.n], record.steps, record.before)
+            left = float(np.mean((at[:, j - 1] - measured)[record.shown] ** 2))
+            if left < error:
+                error, best = left, (float(moved[places[0]]), float(moved[places[1]]))
+    return best
 
 
 def _error(arm: Arm, record: Record, name: str, value: float, j: int, measured: Array) -> float:
