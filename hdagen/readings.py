@@ -87,16 +87,18 @@ class Readings:
     def state(self, arm: Arm, row: int) -> Array:
         """The state (nx) that ``row`` shows; velocities that are not logged are 0, as are the effects' own states.
 
-        Where motor and joint encoder differ by more than `full_torsion` the joint's is not believed.
+        Where motor and joint encoder differ by more than `full_torsion`, the model's own angles between them taken
+        off, the joint's is not believed.
         """
         x = np.zeros((1, arm.nx))
         for k, place in enumerate(self.places):  # where two read one state the joint's encoder counts
             x[:, place] = self.measured[row, k] / self.factors[k]
         unread(arm, x, self.encoders())
         known, most = set(self.places), full_torsion(arm)
+        twist = np.abs(arm.outputs(x[0], np.zeros(arm.nu))["torsion"])
         for j in arm.manifest["flexible"]:
             motor, joint = arm.index(f"motor_position_{j}"), arm.index(f"joint_position_{j}")
-            if {motor, joint} <= known and abs(x[0, motor] / arm.parameters[f"ratio_{j}"] - x[0, joint]) > most[j - 1]:
+            if {motor, joint} <= known and twist[j - 1] > most[j - 1]:
                 known.discard(joint)
         return complete(arm, x, known)[0]
 

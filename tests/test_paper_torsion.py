@@ -11,6 +11,7 @@ import pytest
 from hdagen.paper.fitting import Fit, difference, fit, turned
 from hdagen.paper.prototype import A, B, Bench, torsion_of
 from hdagen.paper.torsion import ABOVE, SETS, TWICE, bases, curve, held_out, measured, slowly
+from hdagen.readings import Readings
 
 CHI_SQUARE_999 = 22.46  # six degrees of freedom
 
@@ -64,6 +65,16 @@ def test_the_published_torsion_is_what_the_arm_has() -> None:
     assert curve(A, s)[-1] == pytest.approx(3.51e-3, rel=1e-2) and curve(B, s).max() == pytest.approx(3.2e-4, rel=1e-2)
     assert curve(A, np.array([2 * np.pi]))[0] == pytest.approx(-1.1, rel=0.02)
     assert curve(B, np.array([2 * np.pi]))[0] == pytest.approx(-2.3, rel=0.02)
+
+
+def test_a_replay_begins_where_the_kinematic_torsion_is_larger_than_any_of_the_springs(bench: Bench) -> None:
+    """Motor and joint differ there by 3.5 mrad, which the model knows: both encoders are believed."""
+    arm = bench.arm(changes=torsion_of(1, A))
+    log = turned(bench, 1, ABOVE[0], -1, torsion_of(1, A), fine=True).log
+    begin = Readings.of(arm, log).state(arm, 0)
+    for side in ("motor", "joint"):
+        assert begin[arm.index(f"{side}_position_1")] == pytest.approx(log[f"{side}_position_1"][0], abs=1e-3)
+    assert abs(arm.outputs(begin, np.zeros(arm.nu))["torsion"][0]) < 1e-4
 
 
 def test_the_basis_that_has_the_wave_generator_too_predicts_unseen_turns(bench: Bench) -> None:
