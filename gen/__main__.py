@@ -1,4 +1,4 @@
-"""Command line: build, list, check, time."""
+"""Command line: build, list, describe, check, time, truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ def main(arguments: list[str] | None = None) -> int:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="build | list | check | time | truth")
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="build | list | describe | check | time | truth"
+    )
     build = commands.add_parser(
         "build",
         help="generate and compile a robot; prints the folder",
@@ -52,6 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
     timed.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
     timed.add_argument("--rounds", type=int, default=60, help="turns of every contestant (default: 60)")
     timed.add_argument("--out", type=Path, default=Path("build"))
+    _add_described(commands)
     _add_truth(commands)
     options = parser.parse_args(arguments)
     from gen.build import BuildError
@@ -59,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
     from gen.robot import RobotError
 
     try:
-        runs = {"build": _build, "list": _list, "check": _check, "time": _time, "truth": _truth}
+        runs = {"build": _build, "list": _list, "describe": _describe, "check": _check, "time": _time, "truth": _truth}
         return runs[options.command](options)
     except RobotError as error:
         for problem in error.problems:
@@ -103,6 +106,11 @@ def _build(options: argparse.Namespace) -> int:
     return 0
 
 
+def _add_described(commands: Any) -> None:
+    described = commands.add_parser("describe", help="print a robot's description, complete and checked, as JSON")
+    described.add_argument("robot", help="a preset or a robot.toml")
+
+
 def _add_truth(commands: Any) -> None:
     truth = commands.add_parser(
         "truth", help="converge predictive control problems (JSON on stdin) by IPOPT; prints JSON"
@@ -134,6 +142,16 @@ def _list(options: argparse.Namespace) -> int:
         print(f"{name:44} {what}" if whole else f"{name:44} {what}; `python -m gen build` makes it again")
     if not rows:
         print(f"nothing is built in {options.out}; `python -m gen build` builds the preset `paper`.")
+    return 0
+
+
+def _describe(options: argparse.Namespace) -> int:
+    import json
+
+    from gen.description import canonical
+    from gen.robot import load
+
+    print(json.dumps(canonical(load(options.robot))))
     return 0
 
 

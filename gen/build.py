@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gen import compile as compiler
-from gen.mpc.structure import Structure, StructureError
+from gen.mpc.structure import Structure, StructureError, fitting
 from gen.presets import presets
 from gen.robot import LARGEST, Robot, RobotError, load
 from gen.rules import slug
@@ -115,6 +115,11 @@ def build(
     made, effects, examined = assembled(source, load(source), extra)
     if refused := examined.refusals(source):
         raise RobotError(refused)
+    try:
+        if mpc:
+            fitting(mpc, made.graphs.model.n, 2 * made.graphs.model.n + 2 * len(made.graphs.model.flexible))
+    except StructureError as error:
+        raise BuildError(str(error)) from None
     if place(source, profile, out, extra, mpc)[2] != content:
         raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
@@ -177,10 +182,7 @@ def _make(
         "cpu": compiler.cpu_flags() if profile == "native" else (),
         "library": library,
     }
-    try:
-        files = sources.texts(made, effects, name, how, profile == "native", mpc)
-    except StructureError as error:
-        raise BuildError(str(error)) from None
+    files = sources.texts(made, effects, name, how, profile == "native", mpc)
     part = folder.with_name(f".{folder.name}{PART}{os.getpid()}")
     aside = part.with_name(f"{part.name}-old")
     try:

@@ -16,16 +16,24 @@ from gen.emit import Operation, body, scalar_operation, signature, vector_operat
 from gen.functions import Graphs, Lane
 from gen.model import Model
 
-BATCH = """/* Width of a batch: the widest vector that the target has; OF makes one from f(0), f(1), and so on. */
-#if defined(__AVX512F__)
+BATCH = """/* Width of a batch: 1, 2, 4 or 8 as the compiler is told, else the widest vector of the target; OF makes one
+ * from f(0), f(1), and so on. */
+#if defined(HDA_BATCH_WIDTH)
+#elif defined(__AVX512F__)
 #define HDA_BATCH_WIDTH 8
-#define HDA_BATCH_OF(f) {f(0), f(1), f(2), f(3), f(4), f(5), f(6), f(7)}
 #elif defined(__AVX__)
 #define HDA_BATCH_WIDTH 4
-#define HDA_BATCH_OF(f) {f(0), f(1), f(2), f(3)}
 #else
 #define HDA_BATCH_WIDTH 2
+#endif
+#if HDA_BATCH_WIDTH == 8
+#define HDA_BATCH_OF(f) {f(0), f(1), f(2), f(3), f(4), f(5), f(6), f(7)}
+#elif HDA_BATCH_WIDTH == 4
+#define HDA_BATCH_OF(f) {f(0), f(1), f(2), f(3)}
+#elif HDA_BATCH_WIDTH == 2
 #define HDA_BATCH_OF(f) {f(0), f(1)}
+#else
+#define HDA_BATCH_OF(f) {f(0)}
 #endif
 #define HDA_W HDA_BATCH_WIDTH
 #define HDA_V hda_batch

@@ -19,6 +19,9 @@ EXAMPLE = """examples:
   hdagen mpc reference             the plan beside IPOPT's of the whole nonlinear problem"""
 
 
+WHAT = ("table", "sense", "explain", "keys", "reference", "header")
+
+
 def add_parser(commands: Any) -> None:
     """The command's arguments."""
     p = commands.add_parser(
@@ -28,7 +31,8 @@ def add_parser(commands: Any) -> None:
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("what", choices=("table", "sense", "explain", "keys", "reference", "header"))
+    p.add_argument("what", nargs="?", choices=WHAT)
+    p.add_argument("--reference", action="store_true", help="the same as `reference`")
     p.add_argument(
         "log", nargs="?", type=Path, help="of `explain`: a log that `hdagen simulate --controller mpc` wrote"
     )
@@ -43,9 +47,16 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what was asked."""
-    what = {"table": _table, "sense": _sense, "explain": _explain, "keys": _keys, "reference": _reference}
-    return (what | {"header": _header})[options.what](options)
+    """Do what was asked. Raises PlantError."""
+    from hdagen.plant import PlantError
+
+    asked = [what for what in (options.what, "reference" if options.reference else None) if what]
+    if len(set(asked)) != 1:
+        raise PlantError(
+            f"hdagen mpc takes one of {', '.join(WHAT)}, or --reference; found {' and '.join(asked) or 'none'}."
+        )
+    does = {"table": _table, "sense": _sense, "explain": _explain, "keys": _keys, "reference": _reference}
+    return (does | {"header": _header})[asked[0]](options)
 
 
 def _keys(_: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -29,9 +30,15 @@ class Structured(Protocol):
     def structure(self) -> str:
         """As `python -m gen build --mpc` takes it."""
 
+    def refusals(self, robot: Mapping[str, Any]) -> list[str]:
+        """Why it cannot be used with a robot, as a build's manifest describes it; one sentence a problem."""
 
-def folder_of(robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: str = "") -> Path:
-    """The folder of a robot's build: the one named, or one made by a child process. Raises PlantError."""
+
+def folder_of(
+    robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: Structured | None = None
+) -> Path:
+    """The folder of a robot's build: the one named, or one made by a child process, after ``mpc`` has been found to
+    fit the robot. Raises PlantError."""
     name = os.fspath(robot)
     if not name or "\0" in name or len(name) > LONGEST:
         raise PlantError(f"{name[:40]!r} names no robot; give a preset, a robot.toml, or the folder of a build.")
@@ -42,8 +49,15 @@ def folder_of(robot: str | Path, profile: str, effects: tuple[str, ...], out: st
     if isinstance(effects, str):
         raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
     folder = Path(out or os.environ.get("HDAGEN_BUILD") or "build")
-    command = [sys.executable, "-P", "-m", "gen", "build", "--profile", profile, f"--out={folder}"]
-    command += [f"--effects={','.join(effects)}", f"--mpc={mpc}", "--", name]
+    if mpc and (problems := mpc.refusals(json.loads("\n".join(_gen("describe", "--", name))))):
+        raise PlantError("\n".join(problems))
+    wanted = [f"--effects={','.join(effects)}", f"--mpc={mpc.structure if mpc else ''}"]
+    return Path(_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+
+
+def _gen(*arguments: str) -> list[str]:
+    """What `python -m gen` prints, by a child process; what it says of a build goes on to people. Raises PlantError."""
+    command = [sys.executable, "-P", "-m", "gen", *arguments]
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
     # what it prints goes to a file: two pipes of which only one is read can each wait for the other
     with tempfile.TemporaryFile("w+") as printed:
@@ -59,8 +73,8 @@ def folder_of(robot: str | Path, profile: str, effects: tuple[str, ...], out: st
         printed.seek(0)
         lines = printed.read().splitlines()
     if child.returncode or not lines:
-        raise PlantError("\n".join(said) or f"the build of {name} failed without a word.")
-    return Path(lines[-1])
+        raise PlantError("\n".join(said) or f"the build of {arguments[-1]} failed without a word.")
+    return lines
 
 
 def remedy(folder: Path) -> str:

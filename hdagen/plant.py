@@ -386,4 +386,4 @@ def load(
     model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build); ``mpc``, a configuration of the
     predictive controller, adds it to the library. Raises PlantError.
     """
-    return Arm(folder_of(robot, profile, effects, out, mpc.structure if mpc else ""))
+    return Arm(folder_of(robot, profile, effects, out, mpc))

@@ -117,11 +117,14 @@ def run(
     random = np.random.default_rng(seed)
     noise = random.normal(size=(count, 2)) * scheme.force_noise
     felt = push + noise
+    shaken = random.normal(size=(count, arm.n)) * np.asarray(scheme.current_noise)
     wobble = scheme.encoder_noise(count, seed)
-    seen, state, torque, shown, status = _loop(arm, controller, rows, push, felt, wobble, q0, scheme, progress, world)
+    seen, state, torque, shown, status = _loop(
+        arm, controller, rows, push, felt, wobble, shaken, q0, scheme, progress, world
+    )
     commanded = torque / torque_per_input(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
-    measured = shown + random.normal(size=commanded.shape) * np.asarray(scheme.current_noise)
+    measured = shown + shaken
     columns: dict[str, Array] = {}
     for j in range(arm.n):
         kind = arm.input_names[j].rpartition("_")[0]
@@ -225,6 +228,7 @@ def _loop(
     push: Array,
     felt: Array,
     wobble: Array,
+    shaken: Array,
     q0: Array,
     scheme: Errors,
     progress: Callable[[int, int], None] | None,
@@ -248,7 +252,7 @@ def _loop(
     for k in range(count):
         look.run()
         seen[k] = scheme.read(angles + wobble[k])
-        state[k] = x
+        state[k], shown[k] = x, stage.end
         if world is not None:
             touch = world(tip, velocity)
             push[k] += touch
@@ -257,12 +261,11 @@ def _loop(
         now, before = seen[late], seen[max(0, late - 1)]
         controller.motor_position[:], controller.joint_position[:] = now[:n], now[n:]
         controller.motor_velocity[:] = (now[:n] - before[:n]) / period
-        controller.tip_force[:] = felt[late]
+        controller.motor_torque[:], controller.tip_force[:] = (shown[late] + shaken[late]) * unit, felt[late]
         controller.reference[:] = rows[k]
         # before 0 the arm was at rest and sampled too
         status[k] = controller.tick(k * period, stamp=(k - delay) * period)
         torque[k] = controller.torque
-        shown[k] = stage.end
         u[:n], u[n:] = stage.step(torque[k] / unit, period), push[k]
         for _ in range(steps):
             plant.run()

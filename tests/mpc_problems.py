@@ -92,8 +92,14 @@ def condensed(sizes: Sizes, q: dict[str, Floats]) -> tuple[Floats, Floats, Float
     return P, g, np.array(M), np.array(o)
 
 
-def by_osqp(sizes: Sizes, problem: Floats, tolerance: float = 1e-9) -> Floats | None:
-    """Torques (nodes, n) of the installed OSQP on the condensed problem; None where it does not report SOLVED."""
+def by_osqp(
+    sizes: Sizes, problem: Floats, tolerance: float = 1e-9, relative: bool = True, more: float = 1.0
+) -> Floats | None:
+    """Torques (nodes, n) of the installed OSQP on the condensed problem; None where it does not report SOLVED.
+
+    ``relative``: with the tolerance relative to the largest terms too; a penalty of thousands then makes it a lax one.
+    ``more``: factor on all cost, which moves no solution but what the tolerance means.
+    """
     q = sizes.split(problem)
     P, g, M, o = condensed(sizes, q)
     hard = q["linear"] >= FREE
@@ -115,9 +121,9 @@ def by_osqp(sizes: Sizes, problem: Floats, tolerance: float = 1e-9) -> Floats | 
     )
     cost = sparse.triu(sparse.block_diag([P, sparse.diags(q["square"][~hard])]), format="csc")
     solver = osqp.OSQP()
-    settings = {"eps_abs": tolerance, "eps_rel": tolerance, "max_iter": 100_000, "verbose": False}
+    settings = {"eps_abs": tolerance, "eps_rel": tolerance * relative, "max_iter": 100_000, "verbose": False}
     linear = np.concatenate([g, q["linear"][~hard]])
-    solver.setup(cost, linear, A.tocsc(), lower, upper, check_dualgap=False, **settings)
+    solver.setup(more * cost, more * linear, A.tocsc(), lower, upper, check_dualgap=False, **settings)
     found = solver.solve(raise_error=False)
     return None if found.info.status_val != 1 else np.array(found.x[:count]).reshape(-1, sizes.n)
 

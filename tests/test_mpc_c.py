@@ -50,10 +50,10 @@ def gcc() -> str:
     return compiler
 
 
-def program(folder: Path, arm: Arm, main: Path, objects: Path, *more: str) -> Path:
-    """The objects with a main."""
+def program(folder: Path, arm: Arm, main: Path, objects: Path, *more: str, but: str = "") -> Path:
+    """The objects with a main; ``but``: the file that ``more`` brings compiled otherwise."""
     out = folder / main.stem
-    parts = sorted(str(f) for f in objects.glob("*.o"))
+    parts = sorted(str(f) for f in objects.glob("*.o") if f.stem != but)
     command = [gcc(), *FLAGS, *more, f"-I{arm.folder}", f"-I{objects}", str(main), *parts, "-lm", "-o", str(out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -86,6 +86,45 @@ def test_the_example_compiled_alone_gives_what_python_gets_bit_for_bit(arm: Arm,
         for _ in range(2):
             x = arm.step(x, u, exact=True)
     assert np.abs(theirs[60:150, 1:]).max() > 1e-3
+
+
+ELEMENTARY = {"sin", "cos", "sincos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sqrt", "pow", "tanh"}
+ELEMENTARY |= {"fmin", "fmax", "fmod", "ceil", "floor"}
+
+
+def test_firmware_takes_copies_and_elementary_functions_and_no_memory(objects: Path) -> None:
+    """What the objects ask of the outside; none of it allocates, prints or locks."""
+    nm = shutil.which("nm")
+    if nm is None:
+        pytest.skip("nm of binutils is not installed here")
+    done = subprocess.run([nm, *map(str, objects.glob("*.o"))], capture_output=True, text=True, check=True)
+    needed, defined = set(), set()
+    for words in map(str.split, done.stdout.splitlines()):
+        if len(words) in (2, 3) and len(words[-2]) == 1:
+            (needed if words[-2] == "U" else defined).add(words[-1])
+    asked = needed - defined - {"_GLOBAL_OFFSET_TABLE_"}
+    assert {"memcpy", "sin", "cos", "exp"} <= asked
+    assert asked <= {"memcpy", "memmove", "memset", "memcmp"} | ELEMENTARY
+
+
+@pytest.mark.parametrize("width", [1, 2, 4, 8])
+def test_vectors_of_every_width_give_the_same_torques(arm: Arm, objects: Path, tmp_path: Path, width: int) -> None:
+    """Nodes are linearised side by side, as many as a vector holds; how many does not move the torques."""
+    line = arm.folder / "hda_mpc_line.c"
+    wide = tmp_path / "line.o"
+    command = [gcc(), *FLAGS, "-Werror", "-Wno-psabi", f"-DHDA_BATCH_WIDTH={width}", "-c", str(line), "-o", str(wide)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = []
+    for more, but in ((), ""), ((str(wide),), line.stem):
+        run = program(tmp_path, arm, HERE / "mpc_widths.c", objects, *more, but=but)
+        text = subprocess.run([str(run)], capture_output=True, text=True, check=True).stdout
+        found.append(np.array([[float(v) for v in row.split()] for row in text.splitlines()]))
+    one, other = found
+    assert one.shape == other.shape == (200, 1 + arm.n + arm.manifest["mpc"]["nodes"])
+    assert 0.1 < np.median(np.abs(one[:, 1 : 1 + arm.n])) < 0.7  # N m: not at their limits
+    assert np.array_equal(one[:, 0], other[:, 0])
+    assert np.abs(one - other).max() < 1e-9 * np.abs(one).max()
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,12 +11,13 @@ from mpc_arms import WALLS, built
 
 from hdagen.mpc.comparison import kept as held
 from hdagen.mpc.comparison import random_runs, vary
+from hdagen.mpc.configuration import Configuration, Wall
 from hdagen.mpc.controller import MPC
 from hdagen.mpc.jolt import jolt
 from hdagen.mpc.sensing import consistent
 from hdagen.mpc.trials import Outcome, Trial, outcome, trial
 from hdagen.plant import Arm, load
-from hdagen.reference import circle
+from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors, run
 
 HARD = (Push(0.6, 1.2, (25.0, 0.0)), Push(1.5, 2.0, (0.0, 25.0)))
@@ -39,6 +41,37 @@ def test_limits_hold_where_the_ideal_motion_would_break_them(hard: tuple[Arm, Tr
     assert result.largest > 0.02  # the ideal motion would have gone through the wall
     assert max(r.active["wall"] for r in found.reports) > 3
     assert max(r.active["tip_speed"] for r in found.reports) > 3
+
+
+@pytest.mark.parametrize(
+    "limit, row",
+    [
+        ({"walls": (Wall((1.0, 0.0), 10.0), Wall((0.0, 1.0), 0.14))}, "wall_2"),
+        ({"limits__joint_low": (0.8, -2.6)}, "joint_position"),
+    ],
+)
+def test_what_begins_beyond_a_limit_comes_back_without_breaking_another(limit: dict[str, Any], row: str) -> None:
+    """A wall 58 mm behind the tip, a range that begins 0.3 rad from the joint: the arm comes back no faster than its
+    other limits allow, and says all the while where it is."""
+    arm, c = built()
+    far = tuple(replace(w, offset=10.0) for w in WALLS)
+    c = c.changed(**{"walls": far, **limit}, limits__sudden=0.0)
+    q = np.array([0.5, 0.5])
+    tip = arm.evaluate("points", q=q)["points"][-2:]
+    still = np.zeros((2000, 2))
+    path = Reference("tip", 1e-3, np.tile(tip, (2000, 1)), still, still)
+    controller = MPC(arm, c)
+    found = trial(arm, controller, path, (), Sensors(), (), seed=1, start=q)
+    result = outcome(arm, c, path, found, controller)
+    status, family = found.simulation.status, row.removesuffix("_2")
+    beyond = np.array([r.violated[family] for r in found.reports])
+    assert beyond[0] > 0.05
+    assert (status[beyond > 0.05] == 24).all()
+    assert beyond[-1] < 1e-3
+    assert (status[-200:] <= 1).all()
+    del result.violated[row]
+    assert held(arm, c, result), result.violated
+    assert np.diff(beyond[50:]).max() < 1e-3  # it does not go back there
 
 
 def test_no_plan_runs_into_a_springs_pole(hard: tuple[Arm, Trial, Outcome]) -> None:
@@ -119,6 +152,25 @@ def test_a_measurement_that_is_given_again_or_lost_does_not_mislead_the_estimate
     assert wrong.max() < 0.2
 
 
+def test_a_current_that_is_measured_tells_the_estimate_what_acted() -> None:
+    """Drives whose current follows 3 ms late: with the torque sent the disturbance takes what is missing and the
+    innovations grow; with the measured current both are as on drives without a lag."""
+    arm, c = built()
+    plant = load("paper", "portable", effects=("current_loop_lag",), out=arm.folder.parent)
+    plant.parameters.update({"current_lag_1": 3e-3, "current_lag_2": 3e-3})
+    far = c.changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0)
+    path = circle(0.05, (0.2, 0.0), 5.0, 2.0)
+    disturbance, innovation = {}, {}
+    for acting in ("sent", "measured"):
+        controller = MPC(arm, far.changed(estimator__acting=acting))
+        found = trial(plant, controller, path, [Push(1.0, 1.5, (10.0, 5.0))], Sensors(), (), seed=2)
+        assert (found.simulation.status >= 0).all()
+        disturbance[acting] = np.sqrt(np.mean([r.disturbance**2 for r in found.reports[300:]]))
+        innovation[acting] = np.mean([r.innovation for r in found.reports[300:]])
+    assert disturbance["measured"] < 0.6 * disturbance["sent"]
+    assert 3.0 < innovation["measured"] < 4.5 < innovation["sent"]
+
+
 @pytest.mark.parametrize("size", [10.0, 20.0])
 def test_the_momentum_observer_follows_a_step_of_force(size: float) -> None:
     """Its delay to half of the step, its bias on it, and no collision before it."""
@@ -156,6 +208,64 @@ def test_a_delay_that_the_stamps_tell_of_is_carried_over(delay: int) -> None:
     controller = MPC(arm, c)
     found = trial(arm, controller, path, [Push(0.8, 1.2, (10.0, 0.0))], Sensors(delay=delay), (), seed=2)
     assert outcome(arm, c, path, found, controller).distance < 2e-4
+
+
+@pytest.mark.parametrize("told, distance", [(2, 2e-4), (0, np.inf)])
+def test_a_delay_that_no_stamp_tells_of_is_stated_in_ticks(told: int, distance: float) -> None:
+    """Samples two ticks old with the stamps of now: with `mpc.delay` they are carried over, without it they are not."""
+    arm, c = built()
+    far = tuple(replace(w, offset=10.0) for w in WALLS)
+    c = c.changed(far, limits__tip_speed=1.0, mpc__delay=told)
+    path = circle(0.05, (0.2, 0.0), 5.0, 1.5)
+    controller = MPC(arm, c)
+
+    def tick() -> None:
+        controller.measurement[0] += 2e-3  # the stamp
+        controller.prepare()
+        controller.step()
+        estimates.append(controller.report().x[: 2 * arm.n])
+
+    estimates: list[np.ndarray] = []
+    controller.through(tick)
+    found = run(arm, controller, path, [Push(0.8, 1.2, (10.0, 0.0))], Sensors(delay=2), 2)
+    controller.through(None)
+    off = np.linalg.norm(found.tip - path.position, axis=1)[300:750]  # before the push
+    assert np.median(off) < distance
+    behind = np.abs(np.array(estimates) - found.state[:, : 2 * arm.n])[300:, arm.n :].mean()  # rad at the joints
+    assert (behind < 2e-4) == (told == 2), behind
+
+
+def test_a_grid_that_widens_and_a_force_that_fades_follow_the_ideal_too() -> None:
+    """Nodes of 4 to 40 ms, a period of 2 ms; and the goal over such a horizon is the admittance's exact motion under a
+    force that fades as stated."""
+    grid = (0.004,) * 5 + (0.01,) * 8 + (0.04,) * 4
+    arm, c = built(nodes=len(grid))
+    far = tuple(replace(w, offset=10.0) for w in WALLS)
+    values = {key: value for key, value in c.values.items() if key != "mpc.nodes"}
+    c = Configuration(values, far).changed(mpc__grid=grid, mpc__period=2e-3, limits__tip_speed=1.0)
+    controller = MPC(arm, c)
+    path = circle(0.05, (0.2, 0.0), 5.0, 2.0, 2e-3)
+    found = trial(arm, controller, path, [Push(0.8, 1.3, (15.0, 0.0))], Sensors(), (), seed=1)
+    assert (found.simulation.status >= 0).all()
+    assert outcome(arm, c, path, found, controller).distance < 3e-4
+    controller.configure_with(c.changed(admittance__force_decay=8.0))
+    controller.restart()
+    q = np.array([0.6, -1.2])
+    tip = arm.evaluate("points", q=q)["points"][-2:]
+    controller.path[:] = np.r_[tip, 0.0, 0.0]
+    theta = q * 100.0
+    assert controller.tick(0.0, motor_position=theta, joint_position=q, tip_force=(6.0, 0.0)) in (0, 1)
+    goal = np.array(controller.whole().data["goal"])[:, 0] - tip[0]
+    M, B, K, fade = 2.0, 45.0, 500.0, 8.0
+    x, v, t, ends = 0.0, 0.0, 0.0, np.cumsum(grid)
+    ideal, h = [], 1e-6
+    for end in ends:
+        while t < end - h / 2:
+            v += h * (6.0 * np.exp(-fade * t) - B * v - K * x) / M
+            x += h * v
+            t += h
+        ideal.append(x)
+    assert np.abs(goal - ideal).max() < 1e-3 * np.abs(ideal).max()
 
 
 def test_the_same_seed_gives_the_same_run() -> None:

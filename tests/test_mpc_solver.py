@@ -66,6 +66,23 @@ def test_the_first_torque_is_that_of_daqp_on_a_closed_loop() -> None:
     assert warm > 30
 
 
+def test_the_first_torque_is_that_of_osqp_on_a_closed_loop() -> None:
+    """OSQP at 1e-9, absolute, on cost a hundred times as large: at rest, pushed against every limit, and released."""
+    arm, c = built()
+    sizes, solver = sizes_of(arm), Solver(arm)
+    path = circle(0.05, (0.2, 0.0), 5.0, 0.8)
+    found = trial(arm, MPC(arm, c), path, [Push(0.2, 0.6, (25.0, 10.0))], Sensors(), WALLS, seed=1, keep=True)
+    solved = 0
+    for k in (140, 260, 620, 700):
+        problem, _ = found.problems[k]
+        truth = by_osqp(sizes, problem, relative=False, more=100.0)
+        assert solver.solve(problem, RICCATI) == SOLVED
+        if truth is not None:
+            solved += 1
+            assert np.abs(solver.solution[: sizes.n] - truth[0]).max() < 1e-6, k
+    assert solved >= 3
+
+
 def test_most_random_problems_are_solved(arm: Arm) -> None:
     sizes, solver = sizes_of(arm), Solver(arm)
     statuses = [solver.solve(random_problem(sizes, np.random.default_rng(seed)), RICCATI) for seed in range(100, 160)]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
 from mpc_arms import built
 from mpc_problems import Sizes
 
+from hdagen.mpc.configuration import checked
 from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import trial
-from hdagen.plant import Arm
+from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
 from hdagen.simulate import Push, Sensors
 
@@ -105,6 +108,46 @@ def test_other_sizes_run_the_loop_too(nodes: int, space: str, walls: int) -> Non
     found = trial(arm, MPC(arm, c), path, [Push(0.2, 0.4, (5.0, 0.0))], Sensors(), (), seed=0)
     assert (found.simulation.status >= 0).all()
     assert np.mean([r.solved == 0 for r in found.reports]) > 0.98
+
+
+RIGID = """name = "one rigid joint"
+gravity = [0.0, 0.0]
+[[joint]]
+length = 0.2
+mass = 1.0
+center_of_mass = 0.1
+inertia = 0.01
+[joint.drive]
+rigid = true
+ratio = 50.0
+motor_inertia = 2e-5
+torque_constant = 0.05
+max_current = 10.0
+viscous_friction = 1e-4
+coulomb_friction = 0.005
+[joint.limits]
+position = [-2.0, 2.0]
+speed = 1.0
+motor_torque_rate = 100.0
+"""
+
+
+def test_the_speed_of_a_rigid_joints_motor_is_limited_through_its_gear(tmp_path: Path) -> None:
+    """A path twice as fast as the joint's speed limit: the joint keeps it, the motor's over its ratio."""
+    robot = tmp_path / "robot.toml"
+    robot.write_text(RIGID)
+    c = checked({"mpc": {"space": "joint", "nodes": 10}, "limits": {"tip_speed": 1.0}}, "test")
+    arm = load(robot, out=built()[0].folder.parent, mpc=c)
+    time = np.arange(1200) * 1e-3
+    speed = 2.0 * np.sin(np.pi * time / 1.2) ** 2
+    way = np.cumsum(speed) * 1e-3
+    path = Reference("joint", 1e-3, way[:, None], speed[:, None], np.gradient(speed, 1e-3)[:, None])
+    found = trial(arm, MPC(arm, c), path, (), Sensors(), start=np.zeros(1))
+    assert (found.simulation.status >= 0).all()
+    assert max(r.active["motor_speed"] for r in found.reports) > 3
+    turned = found.simulation.state[:, arm.index("joint_velocity_1")]
+    assert 0.95 < turned.max() < 1.0  # rad/s
+    assert max(r.violated["motor_speed"] for r in found.reports) < 0.02 * 50.0  # rad/s at the motor
 
 
 def test_a_rigid_sliding_joint_follows_its_path() -> None:

@@ -55,9 +55,13 @@ def loop() -> Loop:
 @pytest.mark.parametrize("value", [NAN, float("inf")])
 def test_a_measurement_that_is_no_number_is_refused_and_latched(loop: Loop, channel: str, value: float) -> None:
     assert loop.tick(**{channel: (0.0, value)}) == -20
+    loop.tick(motor_position=(NAN, NAN))  # the first fault is kept, with what came in
     fault = loop.k.read_fault()
     assert fault is not None
     assert fault.status == -20
+    assert fault.further == 1
+    assert np.isnan(fault.measurement).sum() + np.isinf(fault.measurement).sum() == 1
+    assert np.array_equal(fault.reference, loop.k.reference)
     assert loop.tick() == -1
     assert loop.k.report().rung == "on the ramp to the safe torque"
 
@@ -81,6 +85,14 @@ def test_a_repeated_measurement_is_said_then_refused(loop: Loop) -> None:
     assert [loop.tick(stamp=stamp) for _ in range(5)] == [4, 4, 4, 4, -32]
 
 
+@pytest.mark.parametrize("late, status", [(0, 0), (1, 0), (8, 0), (9, 26), (50, 26), (-1, 26)])
+def test_a_late_measurement_is_carried_over_as_far_as_it_goes_and_then_said(late: int, status: int) -> None:
+    """Eight ticks are carried over with the torques sent meanwhile; what is older, or from the future, is said."""
+    loop = Loop()
+    assert [loop.tick(stamp=loop.now + H - late * H) for _ in range(20)] == [status] * 20
+    assert "older than eight ticks" in loop.k.sentence(26)
+
+
 def test_a_jump_of_an_encoder_is_refused(loop: Loop) -> None:
     assert loop.tick(joint_position=loop.q + 0.5) == -31
 
@@ -94,6 +106,34 @@ def test_the_ladder_shifts_the_plan_twice_then_impedes_then_latches(loop: Loop) 
     fault = loop.k.read_fault()
     assert fault is not None
     assert loop.tick() == -1  # it stays latched though the path is good again
+
+
+def test_the_ladder_sends_the_shifted_plan_then_the_impedance(loop: Loop) -> None:
+    """What is sent on each rung: the last plan's mean over the node that begins a period later, twice; then stiffness
+    and damping at the motor's inertia about where the motors were, over what holds the arm."""
+    loop.k.path[:, :2] += 0.001  # so that the plan moves
+    for _ in range(3):
+        assert loop.tick() in (0, 2)
+    plan, anchor = loop.k.report().plan, loop.k.report().x
+    loop.k.prepare()
+    loop.k.path[:] = 1e30
+    for status in (22, 22):
+        moved = plan.copy()
+        moved[:-1] += H / 0.01 * (plan[1:] - plan[:-1])
+        assert loop.tick() == status
+        assert np.abs(loop.k.torque - moved[0]).max() < 1e-12
+        plan = moved
+        loop.k.prepare()
+    places, speeds = ([loop.arm.index(f"motor_{what}_{j}") for j in (1, 2)] for what in ("position", "velocity"))
+    for _ in range(7):
+        hold, last = -loop.k.report().disturbance, loop.last  # a horizontal arm that nothing pushes
+        assert loop.tick(motor_position=loop.theta + np.array([0.02, -0.02])) == 23
+        x, inertia, bandwidth = loop.k.report().x, 1.289e-4, 20.0
+        pull = inertia * bandwidth**2 * (anchor - x)[places] - 2 * inertia * bandwidth * x[speeds]
+        assert np.abs(pull).max() > 1e-3
+        step = np.clip(hold + pull - last, -loop.rate, loop.rate)
+        assert np.abs(loop.k.torque - last - step).max() < 1e-12
+    assert (np.abs(step) < 0.9 * loop.rate).all()  # the impedance itself in the end, not the way to it
 
 
 def test_a_good_tick_in_between_starts_the_ladder_anew(loop: Loop) -> None:
@@ -140,6 +180,23 @@ def test_a_reference_out_of_reach_is_followed_as_far_as_it_goes(loop: Loop) -> N
     seen = {loop.tick() for _ in range(50)}
     assert seen <= {1, 2, 20, 25}
     assert 25 in seen
+
+
+def test_a_force_limit_holds_whatever_is_asked(loop: Loop) -> None:
+    """The guard's limit of the static tip force stands over the plan: no torque presses more, and it is said."""
+    arm, c = built()
+    limit = 1.5
+    loop.k.configure_with(c.changed(fallback__force_limit=limit))
+    loop.k.path[:, :2] += (0.03, -0.03)
+    J = arm.evaluate("tip_jacobian", q=loop.q, v=np.zeros(2))["J"].reshape(2, 2).T
+    statuses, pressed = [], []
+    for _ in range(60):
+        statuses.append(loop.tick())
+        pressed.append(float(np.linalg.norm(np.linalg.solve(J.T, 100.0 * loop.k.torque))))
+        loop.k.prepare()
+    assert max(pressed) <= limit * (1 + 1e-9)
+    assert max(pressed) > 0.9 * limit
+    assert statuses.count(3) > 5
 
 
 def test_limits_move_while_it_runs_and_refused_ones_change_nothing(loop: Loop) -> None:

@@ -15,7 +15,7 @@ from gen.headers import guarded
 from gen.library import Library
 from gen.mpc.osqp_code import osqp_files
 from gen.mpc.stage import SPEED, Stage, stage
-from gen.mpc.structure import Structure, fitting
+from gen.mpc.structure import Structure
 from gen.native import BATCH, fast
 
 TEMPLATES = resources.files("gen") / "templates" / "mpc"
@@ -27,7 +27,6 @@ def files(library: Library, structure: Structure, native: bool) -> tuple[dict[st
     model = library.graphs.model
     fixed = ca.vertcat(model.p, *model.inverse.values())
     made = stage(model, structure, fixed)
-    fitting(structure, model.n, made.nx)
     out = {f.name: f.read_text(encoding="utf-8") for f in TEMPLATES.iterdir() if f.name.endswith((".c", ".h"))}
     out["hda_mpc_sizes.h"] = sizes(made)
     out["hda_mpc_stage.h"] = functions(made, native)

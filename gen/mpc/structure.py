@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 SPACES = ("tip", "joint")
 MOST_NODES, MOST_WALLS = 400, 8
-MEMORY = 64 << 20  # bytes that a controller may take
+MEMORY = 32 << 20  # bytes that a controller and OSQP's workspace may take, static
 
 
 class StructureError(ValueError):
@@ -51,12 +51,19 @@ def _whole(found: dict[str, str], key: str, default: int, low: int, high: int) -
     return int(text)
 
 
+def memory(structure: Structure, n: int, nx: int) -> int:
+    """Bytes that a controller and OSQP's workspace take; n joints, nx states. A node's share was fitted to builds of 1
+    to 6 joints, within a tenth."""
+    rows = 4 * n + nx // 2 - n + 1 + structure.walls
+    return structure.nodes * (170 * nx * nx + 45 * nx * rows + 1600 * rows)
+
+
 def fitting(structure: Structure, n: int, nx: int) -> None:
     """Refuses a horizon that memory does not allow; n joints, nx states. Raises StructureError."""
-    rows = 4 * n + n + 1 + structure.walls
-    stage = 8 * (nx * (6 * nx + 8 * n + rows) + 4 * n * n + 40 * rows)
-    if stage * structure.nodes > MEMORY:
+    needed = memory(structure, n, nx)
+    if needed > MEMORY:
+        most = structure.nodes * MEMORY // needed
         raise StructureError(
-            f"--mpc: {structure.nodes} nodes of {nx} states take {stage * structure.nodes >> 20} MiB, possible is "
-            f"{MEMORY >> 20} MiB; take fewer nodes."
+            f"mpc.nodes: {structure.nodes} nodes of {nx} states take {needed / 2**20:.0f} MiB, possible are "
+            f"{MEMORY >> 20} MiB; take at most {most} nodes."
         )

@@ -14,7 +14,7 @@ from hdagen.mpc.configuration import Configuration, Wall, checked
 from hdagen.mpc.controller import MPC
 from hdagen.mpc.jolt import Jolt, jolt
 from hdagen.mpc.jolt import line as jolted
-from hdagen.mpc.trials import Outcome, gains_of, outcome, trial
+from hdagen.mpc.trials import Outcome, Trial, gains_of, outcome, trial
 from hdagen.mpc.tuned import METHOD, Tuned, tune
 from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
@@ -146,14 +146,12 @@ def random_runs(
         hard = trial(plant, predictive, path, pushes, Sensors(delay=delay), WALLS, seed=seed)
         ours = outcome(plant, c, path, hard, predictive)
         predictive.configure_with(far)
-        free = outcome(
-            plant, far, path, trial(plant, predictive, path, pushes, Sensors(delay=delay), (), seed=seed), predictive
-        )
+        loose = trial(plant, predictive, path, pushes, Sensors(delay=delay), (), seed=seed)
+        free = outcome(plant, far, path, loose, predictive)
         found = trial(plant, admittance, path, pushes, Sensors(delay=delay), (), seed=seed)
         theirs = outcome(plant, far, path, found, admittance)
-        torque, most = hard.simulation.torque, np.array(_torques(arm))
-        legal = bool(np.isfinite(torque).all() and (np.abs(torque) <= most + 1e-12).all())
-        yield RandomRun(seed, delay, ours, free, theirs, legal, kept(arm, c, ours))
+        lawful = legal(predictive, hard) and legal(predictive, loose)
+        yield RandomRun(seed, delay, ours, free, theirs, lawful, kept(arm, c, ours))
 
 
 def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
@@ -178,16 +176,19 @@ def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
     for name in runs[0].predictive.violated:
         out.append(f"  largest excess of {name}: {max(one.predictive.violated[name] for one in runs):.3g}")
     ours, theirs = (np.array([getattr(one, who).distance for one in runs]) for who in ("free", "admittance"))
+    refused = sum(one.free.refused > 0 for one in runs)
+    lost = sum(one.admittance.refused > 0 for one in runs)
     where = f"mpc {1e3 * np.median(ours):.3f} mm, admittance {1e3 * np.median(theirs):.3f} mm"
     out.append(f"median distance where no limit is near: {where}; largest ratio of a run {np.max(ours / theirs):.2f}")
+    out.append(f"where no limit is near, the guard refused the admittance law in {lost} runs, mpc in {refused}")
     return out
 
 
 def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
     """Whether every soft limit was kept to what is allowed: 1 mm at walls, 0.005 rad, 2 % of speeds and torques."""
-    from hdagen.mpc.layout import limits_of
+    from hdagen.mpc.fitting import limits_of
 
-    limits = limits_of(arm, c)
+    limits = limits_of(arm.robot, c)
     sizes = {"motor_speed": max(limits["motor_speed"]), "joint_torque": max(limits["joint_torque"])}
     sizes["tip_speed"] = float(c["limits.tip_speed"])
     for name, over in found.violated.items():
@@ -197,8 +198,15 @@ def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
     return True
 
 
-def _torques(arm: Arm) -> list[float]:
-    return [j["drive"]["torque_constant"]["nominal"] * j["drive"]["max_current"] for j in arm.robot["joints"]]
+def legal(controller: Controller, found: Trial) -> bool:
+    """Whether every torque that was sent was finite, within the guard's limit, and no farther from the one before
+    (none before the first) than the guard's rate allows in a period."""
+    most, rate = controller.torque_limits()
+    torque = found.simulation.torque
+    change = np.diff(torque, axis=0, prepend=0.0)
+    slack = 1e-9  # relative, of rounding in the product of rate and time
+    within = np.isfinite(torque) & (np.abs(torque) <= most)
+    return bool((within & (np.abs(change) <= rate * controller.guard.period * (1 + slack))).all())
 
 
 def vary(plant: Arm, random: np.random.Generator) -> None:

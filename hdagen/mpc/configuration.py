@@ -6,15 +6,17 @@ import difflib
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from hdagen.mpc.fitting import nearest, refusals
 from hdagen.mpc.keys import KEYS, TABLES, Key, keys
 from hdagen.plant import PlantError
 
 LARGEST = 100_000  # bytes of a controller.toml
 MOST_WALLS = 8
+THIN = 1e-8  # m: walls that leave less leave nothing
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,13 @@ class Configuration:
         for path, value in wanted.items():
             table, _, name = path.partition(".")
             tables.setdefault(table, {})[name] = list(value) if isinstance(value, tuple) else value
-        found = checked(tables, "configuration")
-        return Configuration(found.values, self.walls if walls is None else walls)
+        kept = self.walls if walls is None else walls
+        tables["wall"] = [{**asdict(wall), "normal": list(wall.normal)} for wall in kept]
+        return checked(tables, "configuration")
+
+    def refusals(self, robot: Mapping[str, Any]) -> list[str]:
+        """Why it cannot be used with a robot, as a build's manifest describes it; one sentence a problem."""
+        return refusals(robot, self)
 
 
 def read(path: str | Path) -> Configuration:
@@ -140,9 +147,9 @@ def _value(key: Key, value: Any) -> tuple[Any, str]:
 
 
 def _fits(key: Key, value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return False
-    return key.low <= value <= key.high and not (key.open and value == key.low)
+    return key.low <= value <= key.high and not (key.open and value == key.low)  # neither NaN nor an endless integer
 
 
 def _walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...]:
@@ -202,6 +209,8 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
         problems.append(f"{where}: limits.linear and limits.square are both 0, so soft limits do not count; raise one.")
     if _closed(c.walls):
         problems.append(f"{where}: the walls leave nothing between them; move one.")
+    if c["mpc.grid"] is not None and "mpc.node" in c.values:
+        problems.append(f"{where}: mpc.grid says how long each node lasts, and mpc.node too; state one of them.")
     low, high = c["limits.joint_low"], c["limits.joint_high"]
     if low is not None and high is not None:
         pairs = zip(*(v if isinstance(v, tuple) else (v,) * _joints(low, high) for v in (low, high)), strict=False)
@@ -217,11 +226,5 @@ def _joints(*values: Any) -> int:
 
 
 def _closed(walls: tuple[Wall, ...]) -> bool:
-    """Whether no point lies behind all walls: the largest circle between them has no radius."""
-    if len(walls) < 2:
-        return False
-    from scipy.optimize import linprog
-
-    rows = [(*wall.normal, 1.0) for wall in walls]
-    found = linprog((0.0, 0.0, -1.0), rows, [wall.offset for wall in walls], bounds=[(-1e3, 1e3), (-1e3, 1e3), (0, 1)])
-    return found.status == 2 or bool(found.x is not None and found.x[2] <= 1e-9)
+    """Whether no point lies behind all walls, by more than rounding."""
+    return nearest([replace(wall, offset=wall.offset - THIN) for wall in walls]) is None

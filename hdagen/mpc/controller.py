@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from hdagen.control import Controller, Guard, Safe
 from hdagen.mpc.configuration import Configuration, Wall
-from hdagen.mpc.layout import FAMILIES, each, report_names, settings_of, torque_limits
+from hdagen.mpc.fitting import each
+from hdagen.mpc.layout import FAMILIES, report_names, settings_of, torque_limits
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference
 
@@ -95,7 +96,7 @@ class MPC(Controller):
         self.path = self._reference.reshape(self.nodes + 1, 2 * self.axes)
         self.reference = self._reference
         self._bind(module)
-        self.guard = self._guard(guard)
+        self._given = guard
         self.configure_with(c)
 
     def _admittance(self) -> dict[str, float]:
@@ -128,8 +129,9 @@ class MPC(Controller):
         self._say = module.bind("mpc_report", self._context, self._report)
         self._read = "mpc_read"
 
-    def _guard(self, guard: Guard | None) -> Guard:
-        c = self.configuration
+    def _guard(self, c: Configuration) -> Guard:
+        """The guard that was given, or one made of the robot file, with the configuration's period and limits."""
+        guard = self._given
         if guard is None:
             inertia = [joint["drive"]["motor_inertia"]["nominal"] for joint in self.arm.robot["joints"]]
             damping = tuple(20 * J or 1e-6 for J in inertia)  # motors stop in 1/20 s
@@ -138,9 +140,7 @@ class MPC(Controller):
             guard = Guard(safe, safe_damping=damping, safe_stiffness=stiffness)
         rates = c["limits.torque_rate"]
         limits: dict[str, Any] = {"torque_limit": torque_limits(self.arm, c)}
-        limits["torque_rate"] = (
-            None if rates is None else tuple(each(rates, self.arm.n, "limits.torque_rate", "joints"))
-        )
+        limits["torque_rate"] = None if rates is None else tuple(each(rates, self.arm.n))
         limits = {name: value for name, value in limits.items() if value is not None}
         if c["fallback.force_limit"] is not None:
             limits["force_limit"] = c["fallback.force_limit"]
@@ -152,18 +152,20 @@ class MPC(Controller):
         if configuration.structure != self.configuration.structure:
             raise PlantError(f"the configuration needs {configuration.structure}, the controller has "
                              f"{self.configuration.structure}; make a new controller.")  # fmt: skip
-        problems: list[str] = []
-        limits = self._limits(self.guard, problems)
+        if problems := configuration.refusals(self.arm.robot):
+            raise PlantError("\n".join(problems))
+        guard = self._guard(configuration)
+        limits = self._limits(guard, problems)
         if problems:
             raise PlantError("\n".join(problems))
-        whole = np.array([self.guard.safe.value, self.guard.stale_stamp_ticks, self.guard.stale_bits_ticks], np.int32)
+        whole = np.array([guard.safe.value, guard.stale_stamp_ticks, guard.stale_bits_ticks], np.int32)
         settings = settings_of(self.arm, configuration)
         call = (self._context, self.arm.p.copy(), settings, whole, limits, self._status)
         configure = self.arm.module.bind("mpc_configure", *call)
         configure.run()
         if self._status[0]:
             raise PlantError(f"mpc: {self.sentence(int(self._status[0]))}")
-        self._configure, self.configuration = configure, configuration
+        self._configure, self.configuration, self.guard = configure, configuration, guard
 
     def limit(self, walls: Sequence[Wall] | None = None, **limits: Any) -> None:
         """Move soft limits while running: ``walls`` (as many as were compiled), ``tip_speed``, ``motor_speed``,
@@ -172,6 +174,8 @@ class MPC(Controller):
         c = self.configuration.changed(None if walls is None else tuple(walls), **moved)
         if c.structure != self.configuration.structure:
             raise PlantError(f"the controller has {len(self.configuration.walls)} walls; give as many.")
+        if problems := c.refusals(self.arm.robot):
+            raise PlantError("\n".join(problems))
         settings = settings_of(self.arm, c)
         self.arm.module.bind("mpc_limit", self._context, settings, self._status).run()
         if self._status[0]:

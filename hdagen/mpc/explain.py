@@ -15,7 +15,7 @@ from hdagen.plant import Array
 
 LINK = "ticks"
 MOST = 4000  # rows that are drawn
-COLORS = ("blue", "vermilion", "green", "purple", "orange", "grey", "ink")
+STRETCHES = 240  # of time, in which active rows are averaged
 UNITS = {"joint_position": "rad", "motor_speed": "rad/s", "joint_torque": "N m", "tip_speed": "m/s", "wall": "m"}
 
 
@@ -52,20 +52,35 @@ def _thin(record: Mapping[str, Array]) -> tuple[Array, slice]:
 
 def _motion(record: Mapping[str, Array]) -> page.Section:
     time, rows = _thin(record)
+    shown = (("target", "vermilion", "dashed", 1.4), ("path", "ink", "dotted", 1.4), ("tip", "blue", "solid", 2.0))
+    plane = figure.xy(
+        "The tip in the plane",
+        [
+            figure.Curve(name, record[f"{name}_x"][rows], record[f"{name}_y"][rows], time, color, dash, width=width)
+            for name, color, dash, width in shown
+        ],
+        x_label="x (m)",
+        y_label="y (m)",
+        caption="The target is the path and, on it, what the force moves mass, damper and spring by; where the tip "
+        "leaves it, a limit holds.",
+        link=LINK,
+    )
     panels = []
     for axis in "xy":
         series = [
-            figure.Series("tip", record[f"tip_{axis}"][rows], "blue"),
-            figure.Series("predicted", record[f"predicted_{axis}"][rows], "vermilion", "dashed"),
-            figure.Series("path", record[f"path_{axis}"][rows], "ink", "dotted"),
+            figure.Series(name, record[f"{name}_{axis}"][rows], color, dash, width=width)
+            for name, color, dash, width in (*shown, ("predicted", "green", "solid", 1.0))
         ]
         panels.append(figure.Panel(f"{axis} (m)", series))
-    panels.append(
-        figure.Panel("missed by (m)", [figure.Series("prediction", _missed(record)[rows], "green")], height=0.7)
-    )
+    off = np.hypot(record["tip_x"] - record["target_x"], record["tip_y"] - record["target_y"])
+    apart = [
+        figure.Series("prediction missed", _missed(record)[rows], "green", "solid", width=1.2),
+        figure.Series("off the target", off[rows], "vermilion", "dashed", width=1.4),
+    ]
+    panels.append(figure.Panel("distance (m)", apart, height=0.7))
     force = [
         figure.Series(axis, record[f"tip_force_{axis}"][rows], color)
-        for axis, color in zip("xy", ("green", "purple"), strict=True)
+        for axis, color in zip("xy", ("orange", "purple"), strict=True)
     ]
     panels.append(figure.Panel("force (N)", force, height=0.7))
     drawn = figure.panels("Predicted and real motion", time, panels, link=LINK)
@@ -74,23 +89,33 @@ def _motion(record: Mapping[str, Array]) -> page.Section:
         f"misses where "
         "a force came or went meanwhile, which no plan can know, and else by what the model does not know."
     )
-    return page.Section("Motion", text, [drawn])
+    return page.Section("Motion", text, [plane, drawn])
+
+
+def _active(record: Mapping[str, Array]) -> str:
+    """How many rows of each family were active, over stretches of time."""
+    count = min(STRETCHES, len(record["time"]))
+    parts = np.array_split(np.arange(len(record["time"])), count)
+    edges = np.append(record["time"][[part[0] for part in parts]], record["time"][-1] + 1e-9)
+    means = [[float(record[f"active_{family}"][part].mean()) for part in parts] for family in FAMILIES]
+    return figure.heat(
+        "Active limits over time",
+        edges,
+        [family.replace("_", " ") for family in FAMILIES],
+        means,
+        x_label="time (s)",
+        y_label="limit",
+        value_label="active rows",
+        caption="Rows of the plan at their bound or beyond it, of all its nodes, as the mean over a stretch of time.",
+    )
 
 
 def _limits(record: Mapping[str, Array]) -> page.Section:
     time, rows = _thin(record)
-    series = [
-        figure.Series(family.replace("_", " "), record[f"active_{family}"][rows], color, width=1.2)
-        for family, color in zip(FAMILIES, COLORS, strict=True)
-        if record[f"active_{family}"].any()
-    ]
-    figures = []
-    if series:
-        panels = [
-            figure.Panel("active rows", series),
-            figure.Panel("rung", [figure.Series("rung", record["rung"][rows], "ink", draw="step")], height=0.5),
-        ]
-        figures.append(figure.panels("Active limits over time", time, panels, link=LINK))
+    figures = [_active(record)]
+    if record["rung"].any():
+        rung = figure.Series("rung", record["rung"][rows], "ink", draw="step")
+        figures.append(figure.panels("Rung of the ladder", time, [figure.Panel("rung", [rung], height=0.6)], link=LINK))
     table: list[list[Cell]] = [
         [
             family.replace("_", " "),
@@ -103,11 +128,12 @@ def _limits(record: Mapping[str, Array]) -> page.Section:
     columns = ("limit", "active rows, mean", "largest violation", "unit")
     figures.append(
         figure.table(
-            "Limits",
+            "How often and how far",
             columns,
             table,
             digits=3,
-            caption="Violations of the present state, margin included; motor torque and its rate are hard.",
+            caption="How far the arm was beyond the bound that the controller keeps: the limit less its margin "
+            "(and less limits.sudden); motor torque and its rate are hard.",
         )
     )
     ladder = "; ".join(f"{int((record['rung'] == k).sum())} {words}" for k, words in enumerate(RUNGS))
@@ -120,23 +146,42 @@ def _times(record: Mapping[str, Array]) -> page.Section:
         figure.Panel(
             "time (s)",
             [
-                figure.Series("preparation", record["prepare_time"][rows], "grey"),
-                figure.Series("tick", record["tick_time"][rows], "blue"),
+                figure.Series("after the measurement", record["tick_time"][rows], "blue", "solid", width=1.2),
+                figure.Series("before it", record["prepare_time"][rows], "orange", "solid", width=1.2),
             ],
         ),
         figure.Panel(
             "iterations",
             [
-                figure.Series("factorisations", record["factored"][rows], "orange"),
-                figure.Series("interior point", record["interior"][rows], "vermilion"),
+                figure.Series("factorisations", record["factored"][rows], "green", "solid", width=1.2),
+                figure.Series("interior point", record["interior"][rows], "vermilion", "solid", width=1.2),
             ],
             height=0.7,
         ),
     ]
-    drawn = figure.panels("Solve times", time, panels, link=LINK)
+    drawn = figure.panels("Times and iterations over time", time, panels, link=LINK)
     share = float((record["interior"] > 0).mean())
     text = (
         "Time of the thread's processor. The active set alone was enough in "
         f"{100 * (1 - share):.0f} % of the ticks; the interior point did the others."
     )
-    return page.Section("Solve times", text, [drawn])
+    return page.Section("Solve times", text, [_slower(record), drawn])
+
+
+def _slower(record: Mapping[str, Array]) -> str:
+    """What share of the ticks takes longer than a time."""
+    parts = {"whole tick": "ink", "after the measurement": "blue", "before it": "orange"}
+    before, after = record["prepare_time"], record["tick_time"]
+    curves = []
+    for (name, color), times in zip(parts.items(), (before + after, after, before), strict=True):
+        taken = np.sort(times[times > 0])
+        curves.append(figure.Curve(name, taken, 1.0 - np.arange(len(taken)) / max(1, len(taken)), color=color))
+    return figure.xy(
+        "How many ticks take longer",
+        curves,
+        x_label="time (s)",
+        y_label="share of ticks",
+        equal=False,
+        log_x=True,
+        log_y=True,
+    )

@@ -180,6 +180,17 @@ KEYS = (
         open=True,
     ),
     Key("wall", "margin", "number", 5e-4, "m", 0, 0.1, "distance kept for what the model does not know"),
+    Key(
+        "estimator",
+        "acting",
+        "text",
+        "sent",
+        "",
+        0,
+        0,
+        "the torque that acted before a sample: the one sent, or motor_torque as the current sensor measures it",
+        choices=("sent", "measured"),
+    ),
     Key("estimator", "torque", "joints", 0.0005, "N m/√Hz", 0, 1e6, "white torque at the motors", open=True),
     Key(
         "estimator", "disturbance", "joints", 0.03, "N m/√s", 0, 1e6, "walk of the disturbance at the motors", open=True

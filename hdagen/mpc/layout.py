@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from hdagen.mpc.configuration import Configuration
-from hdagen.plant import Arm, Array, PlantError
+from hdagen.mpc.fitting import each, limits_of
+from hdagen.plant import Arm, Array
 from hdagen.readings import encoder_noise
 
 SOLVERS = ("riccati", "osqp", "interior")
 FAMILIES = ("motor_torque", "torque_rate", "joint_position", "motor_speed", "joint_torque", "tip_speed", "wall")
-UNLIMITED = 1e6
 
 
 def drives(arm: Arm) -> list[dict[str, Any]]:
@@ -21,52 +21,34 @@ def drives(arm: Arm) -> list[dict[str, Any]]:
     return [joint["drive"] for joint in arm.robot["joints"]]
 
 
-def each(value: Any, count: int, path: str, what: str) -> list[float]:
-    """One number for all, or one for each. Raises PlantError."""
-    if not isinstance(value, tuple):
-        return [float(value)] * count
-    if len(value) != count:
-        raise PlantError(f"{path} has {len(value)} numbers and there are {count} {what}; give one, or {count}.")
-    return [float(v) for v in value]
-
-
 def torque_limits(arm: Arm, c: Configuration) -> tuple[float, ...] | None:
     """Largest motor torque of each joint, N m, by torque and current; None where only the robot file limits it."""
     if c["limits.motor_torque"] is None and c["limits.motor_current"] is None:
         return None
     out = []
-    torques = c["limits.motor_torque"] if c["limits.motor_torque"] is not None else np.inf
-    currents = c["limits.motor_current"] if c["limits.motor_current"] is not None else np.inf
-    by_torque = each(torques, arm.n, "limits.motor_torque", "joints")
-    by_current = each(currents, arm.n, "limits.motor_current", "joints")
-    for drive, torque, current in zip(drives(arm), by_torque, by_current, strict=True):
-        constant, most = drive["torque_constant"], drive["max_current"]
-        limits = [torque]
-        if constant:
-            limits += [constant["nominal"] * min(current, most or np.inf)]
-        elif np.isfinite(current):
-            raise PlantError(
-                "limits.motor_current needs a torque_constant in the robot file; give limits.motor_torque."
-            )
-        out.append(min(limits))
+    torques, currents = (
+        each(np.inf if c[f"limits.motor_{name}"] is None else c[f"limits.motor_{name}"], arm.n)
+        for name in ("torque", "current")
+    )
+    for drive, torque, current in zip(drives(arm), torques, currents, strict=True):
+        constant, most = drive["torque_constant"], drive["max_current"] or np.inf
+        out.append(min(torque, constant["nominal"] * min(current, most)) if constant else torque)
     return tuple(out)
 
 
 def settings_of(arm: Arm, c: Configuration) -> Array:
-    """hda_mpc_settings as an array. Raises PlantError where numbers do not fit the arm."""
+    """hda_mpc_settings as an array, of a configuration that fits the arm."""
     n, grid, axes = arm.n, c.grid, 2 if c["mpc.space"] == "tip" else arm.n
 
-    def axis(name: str) -> list[float]:
-        return each(c[f"admittance.{name}"], axes, f"admittance.{name}", "axes")
-
-    limits = limits_of(arm, c)
+    limits = limits_of(arm.robot, c)
     inertia = np.array([drive["motor_inertia"]["nominal"] for drive in drives(arm)])
     ratio = np.array([abs(drive["ratio"]["nominal"]) for drive in drives(arm)])
     mass = np.diag(arm.evaluate("mass_matrix", q=np.full(n, 0.6))["M"].reshape(n, n))
     rotor = np.where(inertia > 0, inertia, mass / ratio**2)
     values = [SOLVERS.index(c["mpc.solver"]), c["mpc.tolerance"], c["mpc.iterations"]]
     values += [c["mpc.delay"], c["mpc.steps"]]
-    values += [c["admittance.force"] == "sensor", c["admittance.force_decay"], c["weights.terminal"]]
+    values += [c["admittance.force"] == "sensor", c["estimator.acting"] == "measured"]
+    values += [c["admittance.force_decay"], c["weights.terminal"]]
     values += [c[f"weights.{name}"] for name in ("position", "velocity", "posture", "torque", "torque_rate")]
     values += [
         c["limits.linear"],
@@ -75,7 +57,8 @@ def settings_of(arm: Arm, c: Configuration) -> Array:
         c["limits.margin"],
         *grid,
     ]
-    values += axis("mass") + axis("damping") + axis("stiffness")
+    for name in ("mass", "damping", "stiffness"):
+        values += each(c[f"admittance.{name}"], axes)
     for name in ("joint_low", "joint_high", "motor_speed", "joint_torque"):
         values += limits[name]
     values += _widths(arm, c, rotor)
@@ -87,33 +70,11 @@ def settings_of(arm: Arm, c: Configuration) -> Array:
     return np.array(values, float)
 
 
-def limits_of(arm: Arm, c: Configuration) -> dict[str, list[float]]:
-    """Ranges, motor speeds and joint torques, from the configuration, else from the robot file. Raises PlantError."""
-    joints = arm.robot["joints"]
-    ratios = [abs(joint["drive"]["ratio"]["nominal"]) for joint in joints]
-    stated = [joint["limits"] for joint in joints]
-    from_file = {
-        "joint_low": [UNLIMITED * -1 if s["position"] is None else s["position"][0] for s in stated],
-        "joint_high": [UNLIMITED if s["position"] is None else s["position"][1] for s in stated],
-        "motor_speed": [
-            UNLIMITED if s["speed"] is None else s["speed"] * r for s, r in zip(stated, ratios, strict=True)
-        ],
-        "joint_torque": [UNLIMITED if s["torque"] is None else s["torque"] for s in stated],
-    }
-    out = {}
-    for name, default in from_file.items():
-        value = c[f"limits.{name}"]
-        out[name] = default if value is None else each(value, arm.n, f"limits.{name}", "joints")
-    if empty := [j for j, (a, b) in enumerate(zip(out["joint_low"], out["joint_high"], strict=True), 1) if a >= b]:
-        raise PlantError(f"limits.joint_low lies above limits.joint_high at joint {empty[0]}; correct them.")
-    return out
-
-
 def _widths(arm: Arm, c: Configuration, rotor: Array) -> list[float]:
     """Width of friction's smooth sign in the prediction: what dry friction changes the motor's speed by in a node, so
     that a node carries it."""
     if c["estimator.friction_width"] is not None:
-        return each(c["estimator.friction_width"], arm.n, "estimator.friction_width", "joints")
+        return each(c["estimator.friction_width"], arm.n)
     out = []
     for drive, inertia in zip(drives(arm), rotor, strict=True):
         carried = drive["coulomb_friction"]["nominal"] * max(c.grid) / inertia
@@ -126,9 +87,9 @@ def _noise(arm: Arm, c: Configuration, rotor: Array, mass: Array) -> list[float]
     out = []
     for side in ("motor", "joint"):
         out += [max(encoder_noise(sensor, side), 1e-7) for sensor in sensors]
-    out += list(np.array(each(c["estimator.torque"], n, "estimator.torque", "joints")) / rotor)
-    out += list(np.array(each(c["estimator.load"], n, "estimator.load", "joints")) / mass)
-    out += each(c["estimator.disturbance"], n, "estimator.disturbance", "joints")
+    out += list(np.array(each(c["estimator.torque"], n)) / rotor)
+    out += list(np.array(each(c["estimator.load"], n)) / mass)
+    out += each(c["estimator.disturbance"], n)
     return [*out, c["estimator.force"], c["estimator.sensor"], c["estimator.observer"], c["estimator.collision"]]
 
 

@@ -20,6 +20,8 @@ COLUMNS = (
     "tip_y",
     "path_x",
     "path_y",
+    "target_x",
+    "target_y",
     "predicted_x",
     "predicted_y",
     "ahead",
@@ -42,7 +44,8 @@ def beside(log: Path) -> Path:
 
 
 def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) -> dict[str, Array]:
-    """One row a tick. ``predicted``: where the plan that was made ``ahead`` seconds before saw the tip now."""
+    """One row a tick. ``target``: where the admittance wants the tip, as the controller drives it. ``predicted``: where
+    the plan that was made ``ahead`` seconds before saw the tip now."""
     from hdagen.mpc.controller import RUNGS
 
     s, reports = found.simulation, found.reports
@@ -57,8 +60,12 @@ def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) ->
     predicted = np.full_like(seen, np.nan)
     predicted[late:] = seen[: len(seen) - late] if late else seen
     out: dict[str, Array] = {"time": path.time, "tip_x": s.tip[:, 0], "tip_y": s.tip[:, 1]}
-    goal = path.position if path.space == "tip" else arm.evaluate("points", q=path.position)["points"][:, -2:]
-    out |= {"path_x": goal[:, 0], "path_y": goal[:, 1], "predicted_x": predicted[:, 0], "predicted_y": predicted[:, 1]}
+    wanted = path.position + np.array([r.yielded for r in reports])[:, : path.position.shape[1]]
+    ways = {"path": path.position, "target": wanted}
+    if path.space == "joint":
+        ways = {name: arm.evaluate("points", q=way)["points"][:, -2:] for name, way in ways.items()}
+    for name, way in {**ways, "predicted": predicted}.items():
+        out |= {f"{name}_x": way[:, 0], f"{name}_y": way[:, 1]}
     out |= {"ahead": np.full(len(seen), ahead), "status": s.status.astype(float)}
     out |= {"rung": np.array([float(RUNGS.index(r.rung)) for r in reports])}
     for name in ("interior", "factored", "collision", "innovation"):

@@ -150,9 +150,10 @@ def gains_of(c: Configuration) -> dict[str, float]:
 
 def excess(arm: Arm, c: Configuration, s: Simulation) -> tuple[dict[str, float], Any]:
     """How far each family of limits was broken, SI, and the ticks in which any was within 5 % of its bound."""
-    from hdagen.mpc.layout import limits_of, torque_limits
+    from hdagen.mpc.fitting import limits_of
+    from hdagen.mpc.layout import torque_limits
 
-    limits, period = limits_of(arm, c), float(c["mpc.period"])
+    limits, period = limits_of(arm.robot, c), float(c["mpc.period"])
     names = list(arm.state_names)
 
     def column(name: str) -> Array:

@@ -10,6 +10,7 @@ static const int state_index[] = HDA_MPC_INDEX, memory_index[] = HDA_MPC_MEMORY,
 static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
 
 #define SETTLED 1e-10 /* change of a torque, as a share of the largest: the sequence of quadratic problems has converged */
+#define ROUNDED 1e-9 /* of a limit */
 #define FAR 1e4 /* of a trajectory, in the solver's units: beyond it the plan is given up */
 
 static void scaled(const double *x, double *z) {
@@ -64,12 +65,21 @@ static int periods(const hda_mpc *k, double time) {
     return !(count > 0.0) ? 0 : count >= HDA_MPC_LATEST ? HDA_MPC_LATEST : (int)count;
 }
 
+/* Whether the estimate cannot be carried from the measurement to the tick: too old, or from the future. */
+static int old(const hda_mpc *k, double now, const hda_measurement *m) {
+    const double age = (now - m->stamp) / k->guard.config.period;
+    return !(age + k->settings.delay < HDA_MPC_LATEST + 0.5 && age > -0.5);
+}
+
 /* The estimate at the time of the measurement, then at the tick. A measurement that was seen before says nothing new. */
 static void see(hda_mpc *k, double now, const hda_measurement *m) {
+    double acted[HDA_MPC_LATEST][NU]; /* before the measurement, the last first */
     const int late = periods(k, now - m->stamp) + (int)k->settings.delay, delay = late < HDA_MPC_LATEST ? late : HDA_MPC_LATEST;
     const int passed = periods(k, m->stamp - k->seen);
     const double period = k->guard.config.period, *s = k->estimator.s;
-    if (passed > 0) hda_mpc_estimate(&k->estimator, m, (const double(*)[NU])k->sent[delay], passed, k->c, &k->settings.noise, period, k->settings.by_sensor > 0.0);
+    memcpy(acted, k->sent[delay], sizeof acted);
+    if (k->settings.by_current > 0.0) memcpy(acted[0], m->motor_torque, sizeof acted[0]);
+    if (passed > 0) hda_mpc_estimate(&k->estimator, m, (const double(*)[NU])acted, passed, k->c, &k->settings.noise, period, k->settings.by_sensor > 0.0);
     if (passed > 0) k->seen = m->stamp;
     memcpy(k->report.x, s, sizeof k->report.x);
     memcpy(k->report.tip_force, k->settings.by_sensor > 0.0 ? m->tip_force : s + HDA_NX + NU, sizeof k->report.tip_force);
@@ -131,8 +141,18 @@ static double take(hda_mpc *k) {
     return most;
 }
 
+/* A torque that is beyond a hard limit by what is rounded, in the plan or in the clock, is at it: the guard has nothing to say of that. */
+static void at_limits(const hda_mpc *k, double *raw) {
+    const hda_guard *g = &k->guard;
+    for (int j = 0; j < NU; j++) {
+        const double step = g->config.torque_rate[j] * g->elapsed, most = g->config.torque_limit[j], slight = ROUNDED * (step < most ? step : most);
+        const double limited = hda_limit(raw[j], g->sent[j], most, step), off = raw[j] - limited;
+        if (off < slight && off > -slight) raw[j] = limited;
+    }
+}
+
 /* The torque of this tick by the ladder; its status. */
-static int step(hda_mpc *k, const double *path, double *raw) {
+static int step(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *raw) {
     int second, solved = solve(k, &second);
     for (int more = (int)k->settings.steps; solved >= 0; more--) {
         const double moved = take(k);
@@ -153,11 +173,13 @@ static int step(hda_mpc *k, const double *path, double *raw) {
     }
     for (int j = 0; j < NU; j++) raw[j] = k->rung == HDA_MPC_ON_RAMP ? NAN : full[j] * k->T[j]; /* the guard latches what is not a number */
     if (k->rung == HDA_MPC_ON_IMPEDANCE) impede(k, raw);
+    at_limits(k, raw);
     return k->rung == HDA_MPC_ON_RAMP        ? HDA_MPC_FAILED
            : k->rung == HDA_MPC_ON_IMPEDANCE ? HDA_MPC_IMPEDANCE
            : k->rung == HDA_MPC_ON_SHIFTED   ? HDA_MPC_SHIFTED
            : solved == HDA_MPC_CAPPED        ? HDA_MPC_ROUGH
            : second                          ? HDA_MPC_SECOND
+           : old(k, now, m)                  ? HDA_MPC_OLD
                                              : hda_mpc_beside(k, path);
 }
 
@@ -174,7 +196,7 @@ static int follow(hda_mpc *k, double now, const hda_measurement *m, const double
     scaled(k->report.x, x);
     for (int i = 0; i < NX; i++) k->qp.first[i] = x[i] - k->x[i];
     hda_mpc_aim(k, path, k->report.tip_force);
-    return step(k, path, raw);
+    return step(k, now, m, path, raw);
 }
 
 int hda_mpc_tick(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *torque) {

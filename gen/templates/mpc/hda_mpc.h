@@ -30,6 +30,7 @@ enum {
   HDA_STATUS(HDA_MPC_IMPEDANCE, 23, "No solver succeeded for longer than the plan is trusted; the arm is held by an impedance with damping.") \
   HDA_STATUS(HDA_MPC_OUTSIDE, 24, "The arm is beyond a soft limit; the torque brings it back.") \
   HDA_STATUS(HDA_MPC_UNREACHED, 25, "The path is out of the arm's reach; the arm goes as near as its limits allow.") \
+  HDA_STATUS(HDA_MPC_OLD, 26, "The measurement is older than eight ticks, or stamped ahead of the tick; the plan stands on it as if it were not.") \
   HDA_STATUS(HDA_MPC_FAILED, -320, "The solvers failed ten times in a row; the safe state is latched, and hda_mpc_recover leaves it.") \
   HDA_STATUS(HDA_MPC_CALL, -300, "A pointer is null; nothing was changed.") \
   HDA_STATUS(HDA_MPC_PARAMETER, -301, "A parameter of the model is not finite; nothing was changed.") \
@@ -57,6 +58,7 @@ typedef struct hda_mpc_settings {
     double delay;                    /* ticks from a sample to its use beyond what its stamp says, 0 to 8 */
     double steps;                    /* of sequential quadratic programming a tick, at most; 1: real-time iteration */
     double by_sensor;                /* 1: the tip force is measured; 0: estimated */
+    double by_current;               /* 1: the torque that acted before a sample is the measured one; 0: the one sent */
     double decay;                    /* 1/s, of the tip force over the horizon */
     double terminal;                 /* factor of the tracking weights at the last node */
     double weight_position, weight_velocity, weight_posture, weight_torque, weight_rate; /* 1/m^2 (1/rad^2), s^2/m^2, s^2/rad^2; torques as shares of the largest */
@@ -110,6 +112,7 @@ typedef struct hda_mpc {
     double limits[HDA_MPC_ROWS][2];  /* of the rows, in their units: low, high */
     double unit[HDA_MPC_ROWS];       /* SI of 1 in each row */
     double size[HDA_MPC_ROWS];       /* of each soft limit, in its row's units */
+    double back[HDA_MPC_ROWS];       /* 1/s, of a place that the arm is beyond: how fast it has to come back, in its row's units; else 0 */
     double weight;                   /* of all cost, so that its curvature is near 1 */
     double sent[2 * HDA_MPC_LATEST][HDA_N]; /* torques sent, the last first */
     double seen;                     /* stamp of the measurement that the estimate stands on */

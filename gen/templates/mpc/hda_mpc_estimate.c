@@ -40,6 +40,11 @@ void hda_mpc_foresee(const double *c, const double *torque, const double *distur
     }
 }
 
+void hda_mpc_ratios(const double *c, double *ratio) {
+    double damping[NU];
+    mpc_gear(c, ratio, damping);
+}
+
 void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, const double *c, const hda_mpc_noise *noise) {
     memset(e, 0, sizeof *e);
     mpc_gear(c, e->ratio, e->damping);

@@ -39,6 +39,9 @@ void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, cons
 void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double (*torque)[HDA_N], int periods, const double *c, const hda_mpc_noise *noise,
                       double period, int by_sensor);
 
+/* Ratios of the gears. */
+void hda_mpc_ratios(const double *c, double *ratio);
+
 /* The state so much later with the torque held. */
 void hda_mpc_foresee(const double *c, const double *torque, const double *disturbance, const double *force, double time, double *x);
 

@@ -39,18 +39,23 @@ void hda_mpc_feel(hda_mpc *k) {
     for (int i = 0; i < 2; i++) k->expected[i] += k->guard.config.period / SLOW * (r->observed_force[i] - k->expected[i]);
 }
 
-/* Whether a path's point is farther than the arm is long, or beyond the range of a joint. */
+/* Whether a path's point is farther than the arm is long, nearer than its longest link lets the others come, or beyond the range of a joint. */
 static int unreached(const hda_mpc *k, const double *path) {
     if (HDA_MPC_JOINT_SPACE) {
         for (int j = 0; j < NU; j++)
             if (path[j] < k->settings.position_low[j] || path[j] > k->settings.position_high[j]) return 1;
         return 0;
     }
-    double points[2 * (NU + 1)], q[NU], length = 0.0;
+    double points[2 * (NU + 1)], q[NU], length = 0.0, longest = 0.0;
     for (int j = 0; j < NU; j++) q[j] = k->x[simple[j]];
     hda_points(q, k->c, points);
-    for (int i = 0; i < NU; i++) length += hda_length(points[2 * i + 2] - points[2 * i], points[2 * i + 3] - points[2 * i + 1]);
-    return HDA_MPC_TURNING && hda_length(path[0] - points[0], path[1] - points[1]) > length;
+    for (int i = 0; i < NU; i++) {
+        const double link = hda_length(points[2 * i + 2] - points[2 * i], points[2 * i + 3] - points[2 * i + 1]);
+        length += link;
+        more(&longest, link);
+    }
+    const double far = hda_length(path[0] - points[0], path[1] - points[1]);
+    return HDA_MPC_TURNING && (far > length || far < 2.0 * longest - length);
 }
 
 int hda_mpc_beside(const hda_mpc *k, const double *path) {

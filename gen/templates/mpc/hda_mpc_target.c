@@ -10,6 +10,9 @@ enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, NY = HDA_MPC_NY, NG = HDA_MPC
 
 static const int simple[] = HDA_MPC_SIMPLE;
 static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
+static const int is_flexible[] = HDA_MPC_IS_FLEXIBLE;
+
+#define BACK 0.5 /* share of its limit: the speed at which a tip beyond a wall, or a joint beyond its range, has to come back */
 
 /* exp of a 3 x 3 matrix, by squaring what is left of 1. */
 static void exponential(const double *A, double time, double *out) {
@@ -36,14 +39,18 @@ static void exponential(const double *A, double time, double *out) {
 static void rows(hda_mpc *k) {
     const hda_mpc_settings *s = &k->settings;
     const double keep = 1.0 - s->margin;
+    double ratio[NU];
+    hda_mpc_ratios(k->c, ratio);
+    memset(k->back, 0, sizeof k->back);
     for (int j = 0; j < NU; j++) {
-        const double speed = s->motor_speed[j], middle = 0.5 * (s->position_low[j] + s->position_high[j]), half = 0.5 * (s->position_high[j] - s->position_low[j]);
+        const double gear = ratio[j] < 0.0 ? -ratio[j] : ratio[j], speed = s->motor_speed[j], middle = 0.5 * (s->position_low[j] + s->position_high[j]), half = 0.5 * (s->position_high[j] - s->position_low[j]);
         const double limits[4][3] = {
             {-k->guard.config.torque_limit[j], k->guard.config.torque_limit[j], full[j]},
             {-k->guard.config.torque_rate[j], k->guard.config.torque_rate[j], full[j]}, /* per second */
             {middle - keep * half, middle + keep * half, scale[simple[j]]},
-            {-keep * speed, keep * speed, scale[simple[NU + j]]},
+            {-keep * speed, keep * speed, scale[simple[NU + j]] * (is_flexible[j] ? 1.0 : gear)}, /* the state of a rigid joint is the joint's */
         };
+        k->back[HARD + j] = BACK * speed / gear / scale[simple[j]];
         const int at[4] = {j, NU + j, HARD + j, HARD + NU + j};
         for (int r = 0; r < 4; r++) {
             k->unit[at[r]] = limits[r][2];
@@ -55,6 +62,7 @@ static void rows(hda_mpc *k) {
         k->unit[row] = 1.0;
         k->limits[row][0] = g < HDA_MPC_FLEXIBLE ? -keep * s->joint_torque[k->flexible[g]] : -2.0 * HDA_MPC_FREE;
         k->limits[row][1] = g < HDA_MPC_FLEXIBLE ? -k->limits[row][0] : wall < 0 ? keep * s->tip_speed : s->give[wall];
+        if (wall >= 0) k->back[row] = BACK * s->tip_speed;
     }
 }
 
@@ -107,10 +115,32 @@ void hda_mpc_constants(hda_mpc *k) {
 
 static double within(double value) { return value > HDA_MPC_FREE ? 2.0 * HDA_MPC_FREE : value < -HDA_MPC_FREE ? -2.0 * HDA_MPC_FREE : value; }
 
+/* How far the present state is beyond its places: walls and ranges of joints; in the rows' units, 0 within. */
+static void outside(const hda_mpc *k, double (*beyond)[2]) {
+    double y[NY], Y[NY * NX], g[NG], G[NG * NX];
+    if (HDA_MPC_WALLS) hda_mpc_look(k, k->x, y, Y, g, G);
+    for (int row = HARD; row < ROWS; row++) {
+        beyond[row][0] = beyond[row][1] = 0.0;
+        if (k->back[row] == 0.0) continue;
+        const double now = row < HARD + SIMPLES ? k->x[simple[row - HARD]] : g[row - HARD - SIMPLES];
+        if (now < k->limits[row][0]) beyond[row][0] = k->limits[row][0] - now;
+        if (now > k->limits[row][1]) beyond[row][1] = now - k->limits[row][1];
+    }
+}
+
+/* What is left of it at a time, where it comes back as it has to: so the way back does not ask for more speed than is allowed. */
+static double left(const hda_mpc *k, double (*beyond)[2], int row, int side, double time) {
+    const double rest = row < HARD ? 0.0 : beyond[row][side] - k->back[row] * time;
+    return rest > 0.0 ? rest : 0.0;
+}
+
 void hda_mpc_bound(hda_mpc *k) {
     const hda_mpc_settings *s = &k->settings;
     hda_mpc_qp *qp = &k->qp;
+    double beyond[ROWS][2], time = 0.0;
+    outside(k, beyond);
     for (int node = 0; node < N; node++) {
+        time += s->grid[node];
         const double *x = k->x + (node + 1) * NX, span = node ? s->grid[node - 1] : k->guard.config.period;
         double *low = qp->low + node * ROWS, *high = qp->high + node * ROWS;
         for (int row = 0; row < ROWS; row++) {
@@ -118,8 +148,8 @@ void hda_mpc_bound(hda_mpc *k) {
             const double before = node ? k->T[(node - 1) * NU + j] : k->guard.sent[j] / full[j];
             const double change = k->T[node * NU + j] - before, share = row >= NU && row < HARD ? span : 1.0;
             const double now = row < NU ? k->T[node * NU + j] : row < HARD ? change : row < HARD + SIMPLES ? x[simple[row - HARD]] : k->g[node * NG + row - HARD - SIMPLES];
-            low[row] = within(share * k->limits[row][0] - now);
-            high[row] = within(share * k->limits[row][1] - now);
+            low[row] = within(share * k->limits[row][0] - left(k, beyond, row, 0, time) - now);
+            high[row] = within(share * k->limits[row][1] + left(k, beyond, row, 1, time) - now);
         }
         for (int j = 0; j < NU; j++) {
             const double before = node ? k->T[(node - 1) * NU + j] : k->guard.sent[j] / full[j];
