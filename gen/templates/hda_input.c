@@ -8,6 +8,8 @@
 
 #include <math.h>
 
+#define WHOLE (1.0 - 1e-6) /* of a row: as much of it is all of it */
+
 void hda_input_reset(hda_input_state *state, const double *before, const double *c) {
     double delay[HDA_N], lag[HDA_N];
     hda_input_law(before, c, state->acting, delay, lag);
@@ -33,9 +35,10 @@ static double delayed(const hda_input_state *state, int j, double delay) {
     return mean;
 }
 
-/* Joint j's current, `delay` s late, at the end of the newest row. */
+/* Joint j's current, `delay` s late, at the end of the newest row; a delay of whole rows is one though rounding splits them: what
+ * arrives at that end does not act yet. */
 static double late(const hda_input_state *state, int j, double delay) {
-    const double h = state->length[state->newest];
+    const double h = WHOLE * state->length[state->newest];
     double begin = delay; /* of the row that is looked at, after the delay */
     long row = state->newest;
     for (long back = 1; back < state->count && begin >= h; back++) {
