@@ -197,13 +197,8 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
 
 
 def _further(words: Dictionary, say: Callable[[str], None], when: str, fit: Fitted) -> Fitted:
-    """A hypothesis a step further; where that makes it worse its columns are too old for where it stands."""
     say(f"fitting {' + '.join(fit.names) or 'none'}, {when}")
-    further = advanced(fit, words)
-    if further.score.evidence >= fit.score.evidence - fit.excess:
-        return further
-    anew = advanced(again(fit, words), words, every=True)
-    return max(fit, anew, key=lambda one: one.score.evidence)
+    return advanced(fit, words)
 
 
 def _clean(fit: Fitted) -> bool:
