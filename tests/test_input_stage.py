@@ -170,7 +170,9 @@ def test_what_one_effect_stands_in_for_is_parted_by_the_currents(arm: Arm) -> No
     )
     p = np.array([q.nominal for q in arm.parameters.described.values()])
     p[list(arm.parameters.described).index("command_delay_1")] = 5.4e-3
+    own = arm.p.copy()
     delay, lag = shared(arm, record, p, "command_delay_1", "current_lag_1", 1)
+    assert np.array_equal(arm.p, own)  # the arm is as it was
     assert delay == pytest.approx(3.4e-3, abs=0.5e-3)
     assert lag == pytest.approx(2e-3, rel=0.5)
 

@@ -91,10 +91,12 @@ def _inputs(arm: Arm, record: Record) -> dict[str, float]:
     for name, j in names:
         if ("motor_current", j) not in record.outputs:
             continue
-        measured, described = record.log[f"motor_current_{j}"], arm.parameters.described[name]
+        described, place = arm.parameters.described[name], list(arm.parameters.described).index(name)
         tried = [described.nominal + float(s) * (described.typical or 0.0) for s in SIZES]
         tried = [value for value in tried if described.low <= value <= described.high]
-        errors = [_error(arm, record, name, value, j, measured) for value in (described.nominal, *tried)]
+        points = np.tile(arm.p, (1 + len(tried), 1))
+        points[:, place] = described.nominal, *tried
+        errors = [_error(arm, record, p, j) for p in points]
         best = int(np.argmin(errors[1:]))
         if errors[1 + best] < WORTH * errors[0]:
             sizes[name] = tried[best] - described.nominal
@@ -104,7 +106,7 @@ def _inputs(arm: Arm, record: Record) -> dict[str, float]:
 def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) -> tuple[float, float]:
     """The values of an input effect that is ``there`` in the parameters ``p`` (np) and of one ``beside`` it on joint j,
     with which the commands alone give the measured current best: one may have stood in for both."""
-    measured, described = record.log[f"motor_current_{j}"], arm.parameters.described
+    described = arm.parameters.described
     places = [list(described).index(name) for name in (there, beside)]
     q, base = described[beside], described[there].nominal
     error, best = np.inf, (float(p[places[0]]), q.nominal)
@@ -112,17 +114,17 @@ def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) 
         for size in SIZES[:: len(SIZES) // 8] * (q.typical or 0.0):
             moved = p.copy()
             moved[places] = base + share * (p[places[0]] - base), np.clip(q.nominal + size, q.low, q.high)
-            arm._prepare(moved)
-            _, at = arm.acting(record.command[:, : arm.n], record.steps, record.before)
-            left = float(np.mean((at[:, j - 1] - measured)[record.shown] ** 2))
+            left = _error(arm, record, moved, j)
             if left < error:
                 error, best = left, (float(moved[places[0]]), float(moved[places[1]]))
     return best
 
 
-def _error(arm: Arm, record: Record, name: str, value: float, j: int, measured: Array) -> float:
-    kept = arm.parameters[name]
-    arm.parameters[name] = value
+def _error(arm: Arm, record: Record, p: Array, j: int) -> float:
+    """How far (rms) what the commands give under the parameters ``p`` (np) is from joint j's measured current; the arm
+    stands at its own parameters afterwards."""
+    own = arm.p
+    arm._prepare(p)
     _, at = arm.acting(record.command[:, : arm.n], record.steps, record.before)
-    arm.parameters[name] = kept
-    return float(np.sqrt(np.mean((at[:, j - 1] - measured)[record.shown] ** 2)))
+    arm._prepare(own)
+    return float(np.sqrt(np.mean((at[:, j - 1] - record.log[f"motor_current_{j}"])[record.shown] ** 2)))
