@@ -91,6 +91,7 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis import report
     from hdagen.diagnosis.diagnose import diagnose
     from hdagen.diagnosis.memory import returned
+    from hdagen.diagnosis.sentences import sentence
     from hdagen.log import LogError, read
 
     out = _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}"))
@@ -108,7 +109,7 @@ def _one(options: argparse.Namespace) -> int:
     )
     _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
     report.write(found, out / "report.html")
-    print(report.sentence(found.content))
+    print(sentence(found.content))
     print(out / "report.html")
     return 0
 

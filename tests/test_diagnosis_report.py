@@ -25,6 +25,7 @@ from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.pictures import means, pictures
 from hdagen.diagnosis.portion import Portion, blocks
 from hdagen.diagnosis.regimes import Regressor, concentrated, explained
+from hdagen.diagnosis.sentences import confounded, sentence
 from hdagen.diagnosis.whereabouts import trace, where
 from hdagen.diagnosis.whiteness import LAGS, whiteness
 from hdagen.log import Log
@@ -351,7 +352,7 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
         assert words in page
     assert "Against backlash@2" in page and "test &lt;arm&gt;" in page
     assert "a note &lt;b&gt;" in page
-    assert "[90, 97]" in report.sentence(json.loads(json.dumps(seen(arm, {})[1]))) and len(page) < 5_000_000
+    assert "[90, 97]" in sentence(json.loads(json.dumps(seen(arm, {})[1]))) and len(page) < 5_000_000
 
 
 def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp_path: Path) -> None:
@@ -388,3 +389,18 @@ def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> No
             shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
             assert len(shot) > 10_000
             assert tab.messages == [] and tab.requests == [path.as_uri()]
+
+
+def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once() -> None:
+    likely = {"stribeck_friction@1": 0.2, "presliding_friction@1": 0.1, "payload@2": 0.05, "contact@1": 0.001}
+    causes = [
+        {"effect": name[:-2], "joint": int(name[-1]), "probability": p, "confounded_with": [*{*likely} - {name}]}
+        for name, p in likely.items()
+    ]
+    said = confounded({"verdict": [], "causes": causes})
+    for name in ("stribeck friction on joint 1 (0.20)", "presliding friction on joint 1 (0.10)", "payload on joint 2"):
+        assert said.count(name) == 1
+    assert said.count(separators.OTHERWISE) == 1 and "contact" not in said
+    assert "hdagen excite robot.toml --separate stribeck_friction@1,presliding_friction@1,payload@2\n" in said
+    for few in (causes[:1], causes[3:]):
+        assert "excite" not in confounded({"verdict": [], "causes": few})

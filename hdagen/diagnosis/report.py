@@ -12,6 +12,7 @@ from hdagen.diagnosis.maps import COLORS, maps
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.pictures import pictures
 from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.sentences import calibrated, confounded, sentence, words
 from hdagen.diagnosis.whiteness import LAGS, of_replay
 from hdagen.log import Log
 from hdagen.pages import page
@@ -22,75 +23,9 @@ from hdagen.pages.table import table
 from hdagen.replay import Replay
 
 SHOWN = 8  # candidates in the figures
-LIKELY = 0.01  # probability from which a candidate's own text is shown
 RARE = 1e-3  # probability below which a hypothesis is not listed
 TOLD = (0.5, 0.9)  # posterior by prior width, up to which the data said much, and a little
-FINE = 1000.0  # multiples of the noise, from which the error is said in its unit, too
 LAG = 0.25  # s, of the correlations of what is left
-
-
-def sentence(content: dict[str, Any]) -> str:
-    """The verdict in one sentence, how sure it is, and the gap in another."""
-    gap, named = content["gap"], content["verdict"]
-    if not named:
-        what = _nothing(content)
-    elif named[0].startswith("unknown"):
-        joint = named[0].partition("@")[2]
-        what = f"Joint {joint} misses something that no known effect explains"
-    else:
-        p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) == sorted(named)), None)
-        each = " and ".join(words(entry) for entry in named)
-        sized = "" if p is None else f" (probability {p:.2f}{_calibrated(content)})"
-        what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
-    sure = "" if content["sure"] else "; this is not sure"
-    line = f"{what}{sure}. On held-out motion the gap goes from {gap['before']:.3g} "
-    line += f"to {gap['after']:.3g} times the noise{_worst(gap) if gap['before'] >= FINE else ''}"
-    if gap["shrink"] is not None:
-        interval = gap["interval"]
-        spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
-        line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
-    if gap["achievable"] is not None:
-        line += _beside(gap)
-    return f"{line}."
-
-
-def _nothing(content: dict[str, Any]) -> str:
-    """Why no effect is named: none is likely, or one is, but not sure enough."""
-    first = content["hypotheses"][0]
-    if not first["effects"]:
-        return "No effect above the size that counts was found"
-    none = next(h["probability"] for h in content["hypotheses"] if not h["effects"])
-    each = " and ".join(words(entry) for entry in first["effects"])
-    p = first["probability"]
-    return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
-
-
-def _beside(gap: dict[str, Any]) -> str:
-    """The verdict beside a flexible correction."""
-    before, after, flexible = gap["before"], gap["after"], gap["achievable"]
-    if flexible >= before:
-        return "; a flexible correction without structure reaches nothing"
-    reached = f"; a flexible correction without structure reaches {flexible:.3g}"
-    if after <= flexible:
-        return reached
-    return f"{reached}; the verdict closes {100 * (before - after) / (before - flexible):.0f} % of what that does"
-
-
-def _worst(gap: dict[str, Any]) -> str:
-    """The channel that errs most, in SI units, for a reader to whom multiples of a very small noise say little."""
-    name, c = max(gap["by_channel"].items(), key=lambda item: item[1]["before"])
-    before, after = (c[when] * c["noise"] for when in ("before", "after"))
-    return f" ({name.replace('_', ' ')}: {before:.3g} to {after:.3g} in SI units, rms)"
-
-
-def words(entry: str) -> str:
-    """name@joint as people say it."""
-    effect, _, joint = entry.partition("@")
-    return f"{effect.replace('_', ' ')} {f'on joint {joint}' if joint != '0' else 'of the whole arm'}"
-
-
-def _calibrated(content: dict[str, Any]) -> str:
-    return "" if content.get("method", {}).get("calibrated") else ", not calibrated"
 
 
 def write(diagnosis: Diagnosis, path: Path) -> None:
@@ -154,24 +89,14 @@ def _candidates(content: dict[str, Any]) -> Section:
             "Most probable hypotheses",
             [str(r[0]) for r in shown],
             [Bars("", [float(r[1]) for r in shown])],
-            value_label=f"probability{_calibrated(content)}",
+            value_label=f"probability{calibrated(content)}",
         )
-    ]
-    pairs: list[list[str | float | None]] = [
-        [words(f"{c['effect']}@{c['joint']}"), ", ".join(words(o) for o in c["confounded_with"]), c["separate_by"]]
-        for c in content["causes"]
-        if c["confounded_with"] and (c["probability"] >= LIKELY or f"{c['effect']}@{c['joint']}" in content["verdict"])
     ]
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance "
         "and every other effect within a small size. An effect below "
-        f"{100 * PRESENT:g} % of its usual size counts as none."
+        f"{100 * PRESENT:g} % of its usual size counts as none.\n\n{confounded(content)}"
     )
-    if pairs:
-        said = [f"{a[0].upper()}{a[1:]} may also be {b}. {how}" for a, b, how in pairs]  # type: ignore[index]
-        text += "\n\nWhat this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
-    else:
-        text += "\n\nNothing else explains this log nearly as well: no pair is confounded."
     if unseen := content["unseen"]:
         text += (
             f"\n\nThis motion would not show, even in their usual size: {', '.join(words(o) for o in unseen)}. "

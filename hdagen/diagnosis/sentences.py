@@ -1,0 +1,103 @@
+"""What a diagnosis says, in sentences: the verdict with its gap, and what else it may be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hdagen.diagnosis.separators import separate_by
+
+LIKELY = 0.01  # probability from which a candidate is spoken of
+SEPARATED = 4  # candidates that a motion is designed for, where none is named
+FINE = 1000.0  # multiples of the noise, from which the error is said in its unit, too
+
+
+def sentence(content: dict[str, Any]) -> str:
+    """The verdict in one sentence, how sure it is, and the gap in another."""
+    gap, named = content["gap"], content["verdict"]
+    if not named:
+        what = _nothing(content)
+    elif named[0].startswith("unknown"):
+        joint = named[0].partition("@")[2]
+        what = f"Joint {joint} misses something that no known effect explains"
+    else:
+        p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) == sorted(named)), None)
+        each = " and ".join(words(entry) for entry in named)
+        sized = "" if p is None else f" (probability {p:.2f}{calibrated(content)})"
+        what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
+    sure = "" if content["sure"] else "; this is not sure"
+    line = f"{what}{sure}. On held-out motion the gap goes from {gap['before']:.3g} "
+    line += f"to {gap['after']:.3g} times the noise{_worst(gap) if gap['before'] >= FINE else ''}"
+    if gap["shrink"] is not None:
+        interval = gap["interval"]
+        spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
+        line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
+    if gap["achievable"] is not None:
+        line += _beside(gap)
+    return f"{line}."
+
+
+def _nothing(content: dict[str, Any]) -> str:
+    """Why no effect is named: none is likely, or one is, but not sure enough."""
+    first = content["hypotheses"][0]
+    if not first["effects"]:
+        return "No effect above the size that counts was found"
+    none = next(h["probability"] for h in content["hypotheses"] if not h["effects"])
+    each = " and ".join(words(entry) for entry in first["effects"])
+    p = first["probability"]
+    return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
+
+
+def _beside(gap: dict[str, Any]) -> str:
+    """The verdict beside a flexible correction."""
+    before, after, flexible = gap["before"], gap["after"], gap["achievable"]
+    if flexible >= before:
+        return "; a flexible correction without structure reaches nothing"
+    reached = f"; a flexible correction without structure reaches {flexible:.3g}"
+    if after <= flexible:
+        return reached
+    return f"{reached}; the verdict closes {100 * (before - after) / (before - flexible):.0f} % of what that does"
+
+
+def _worst(gap: dict[str, Any]) -> str:
+    """The channel that errs most, in SI units, for a reader to whom multiples of a very small noise say little."""
+    name, c = max(gap["by_channel"].items(), key=lambda item: item[1]["before"])
+    before, after = (c[when] * c["noise"] for when in ("before", "after"))
+    return f" ({name.replace('_', ' ')}: {before:.3g} to {after:.3g} in SI units, rms)"
+
+
+def words(entry: str) -> str:
+    """name@joint as people say it."""
+    effect, _, joint = entry.partition("@")
+    return f"{effect.replace('_', ' ')} {f'on joint {joint}' if joint != '0' else 'of the whole arm'}"
+
+
+def calibrated(content: dict[str, Any]) -> str:
+    """To add to a probability."""
+    return "" if content.get("method", {}).get("calibrated") else ", not calibrated"
+
+
+def confounded(content: dict[str, Any]) -> str:
+    """What else each effect that is named may be, or what it may be where none is, and the motions that would tell."""
+    causes = {f"{c['effect']}@{c['joint']}": c for c in content["causes"]}
+    likely = [name for name, c in causes.items() if c["probability"] >= LIKELY]
+    named = [name for name in content["verdict"] if name in causes]
+    if not named:
+        if not likely:
+            return "Nothing else explains this log nearly as well as no effect."
+        each = ", ".join(f"{words(name)} ({causes[name]['probability']:.2f})" for name in likely)
+        text = f"No effect is named; one that is small, or that shows little in this motion, may be there: {each}."
+        if len(likely) == 1:
+            return text
+        return (
+            f"{text}\n\nWhat would tell {words(likely[0])} from the others: {separate_by(likely[0], likely[1:])}\n\n"
+            f"    hdagen excite robot.toml --separate {','.join(likely[:SEPARATED])}\n\ndesigns a motion that does."
+        )
+    said = [
+        f"{words(name)[0].upper()}{words(name)[1:]} may also be {', '.join(words(o) for o in others)}. "
+        f"{causes[name]['separate_by']}"
+        for name in named
+        if (others := causes[name]["confounded_with"])
+    ]
+    if not said:
+        return "Nothing else explains this log nearly as well: no pair is confounded."
+    return "What this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
