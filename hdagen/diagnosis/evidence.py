@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from hdagen.diagnosis.candidates import SLAB, Dictionary
-from hdagen.diagnosis.linear import Linear, Reduced
+from hdagen.diagnosis.linear import Linear, Reduced, Summed
 from hdagen.diagnosis.together import together
 from hdagen.plant import Array
 
@@ -108,25 +108,25 @@ def posterior(
     """θ under prior standard deviations ``spike`` (P), the windows at scales ``kappa2`` (W). With ``bounds`` the most
     probable θ lies within them, and the evidence is that of Laplace's approximation there; without, it is exact. The
     likelihood counts as its root of order ``temperature`` (default: that of ``reduced``), the prior as it is."""
-    temperature = reduced.temperature if temperature is None else temperature
-    weight = 1.0 / (kappa2 * temperature)
-    N, b, c = np.tensordot(weight, reduced.N, 1), weight @ reduced.b, float(weight @ reduced.c)
+    found = laplace(reduced.summed(kappa2), spike, reduced.temperature if temperature is None else temperature, bounds)
+    return Posterior(s, kappa2, *found)
+
+
+def laplace(summed: Summed, spike: Array, temperature: float, bounds: Bounds | None) -> tuple[Array, Array, float]:
+    """Mean, covariance and log evidence of a `posterior`."""
+    N, b = summed.N / temperature, summed.b / temperature
     V = spike[:, None] * spike
     factor = scipy.linalg.cho_factor(N * V + np.eye(len(spike)), lower=True)
     covariance = scipy.linalg.cho_solve(factor, np.eye(len(spike))) * V
     mean = covariance @ b
-    log = -0.5 * (
-        c
-        - float(b @ mean)
-        + 2.0 * float(np.log(np.diagonal(factor[0])).sum())
-        + (reduced.logdet + float(reduced.freedom @ np.log(kappa2))) / temperature
-    )
+    widths = 2.0 * float(np.log(np.diagonal(factor[0])).sum())
+    log = -0.5 * ((summed.c + summed.log) / temperature - float(b @ mean) + widths)
     if bounds is not None:
         H = N + np.diag(1.0 / spike**2)
         within = bounded(H, b, mean, bounds)
         log -= 0.5 * float((within - mean) @ H @ (within - mean))
         mean = within
-    return Posterior(s, kappa2, mean, covariance, log)
+    return mean, covariance, log
 
 
 def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:

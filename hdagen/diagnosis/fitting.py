@@ -18,12 +18,11 @@ import numpy as np
 
 from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
 from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots, renewed
-from hdagen.diagnosis.evidence import Posterior, Scored, posterior, posteriors, settled
-from hdagen.diagnosis.linear import Linear
+from hdagen.diagnosis.evidence import Scored, laplace, posterior, posteriors, settled
+from hdagen.diagnosis.linear import Linear, Summed
 from hdagen.plant import Array
 
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
-TEMPERATURES = np.geomspace(TEMPERATURE, 1e4 * TEMPERATURE, 9)
 CHORDS = 3
 REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
@@ -41,19 +40,16 @@ class Fitted:
     score: Scored
     unexplained: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
     clean: float  # log evidence that it would have if it left noise alone
-    tempered: Mapping[tuple[int, ...], Array] | None = None  # `evidence` at TEMPERATURES, of one without its columns
+    kept: tuple[Summed, Mapping[tuple[int, ...], float]] | None = None  # of one without its columns: what they told
 
     @property
     def whole(self) -> bool:
         """Whether it has its columns still."""
-        return self.tempered is None
+        return self.kept is None
 
     def bare(self) -> Fitted:
         """What a decision needs of it, without the columns, which would fill the memory."""
-        if self.tempered is not None:
-            return self
-        found = {atoms: np.array([self.evidence(t, atoms) for t in TEMPERATURES]) for atoms in self.lesser}
-        return replace(self, design=self.design.bare(), tempered=found)
+        return self if self.kept else replace(self, design=self.design.bare(), kept=(self._summed, self._overrated))
 
     @property
     def lesser(self) -> list[tuple[int, ...]]:
@@ -65,14 +61,17 @@ class Fitted:
         its ``atoms`` where this one stands, the others being tolerated there: it could stand there, too, as far as the
         linear model holds."""
         atoms = self.atoms if atoms is None else atoms
-        if self.tempered is not None:
-            return float(np.interp(np.log(temperature), np.log(TEMPERATURES), self.tempered[atoms]))
-        return self._tempered(atoms, temperature).evidence - 0.5 * self._overrated[atoms] * TEMPERATURE / temperature
+        summed, overrated = self.kept or (self._summed, self._overrated)
+        return self._without(summed, atoms, temperature)[2] - 0.5 * overrated[atoms] * TEMPERATURE / temperature
 
-    def _tempered(self, atoms: tuple[int, ...], temperature: float) -> Posterior:
-        at, design = self.score.at, self.design
-        reduced, bounds = design.linear().reduced(at.s), design.words.meaning(atoms).bounds(design.shooting.arm)
-        return posterior(reduced, _prior(design, atoms), at.s, at.kappa2, bounds, temperature)
+    def _without(self, summed: Summed, atoms: tuple[int, ...], temperature: float) -> tuple[Array, Array, float]:
+        words = self.design.words.meaning(atoms)
+        return laplace(summed, _prior(self.design, atoms), temperature, words.bounds(self.design.shooting.arm))
+
+    @cached_property
+    def _summed(self) -> Summed:
+        """What its columns tell, where it stands."""
+        return self.design.linear().reduced(self.score.at.s).summed(self.score.at.kappa2)
 
     @cached_property
     def _overrated(self) -> dict[tuple[int, ...], float]:
@@ -81,7 +80,7 @@ class Fitted:
         found = {self.atoms: 0.0}
         linear, s = self.design.linear(), self.score.at.s
         for atoms in self.lesser[:-1]:
-            theta, prior = self._tempered(atoms, TEMPERATURE).mean, _prior(self.design, atoms)
+            theta, prior = self._without(self._summed, atoms, TEMPERATURE)[0], _prior(self.design, atoms)
             there = _tried(self.design, linear, s, _moved(self.design, linear, s, theta))[1]
             missed = there.reduced(s).cost(there.theta, prior) - linear.reduced(s).cost(theta, prior)
             found[atoms] = max(missed, 0.0)

@@ -170,6 +170,12 @@ class Reduced:
         N = self.N @ center
         return replace(self, b=self.b - N, c=self.c + (N - 2 * self.b) @ center)
 
+    def summed(self, kappa2: Array) -> Summed:
+        """All windows together, at scales ``kappa2`` (W)."""
+        weight = 1.0 / kappa2
+        log = self.logdet + float(self.freedom @ np.log(kappa2))
+        return Summed(np.tensordot(weight, self.N, 1), weight @ self.b, float(weight @ self.c), log)
+
     def chi2(self, theta: Array) -> Array:
         """What each window (W) leaves at θ, in units of noise, squared."""
         return np.asarray(np.maximum(self.c - 2 * self.b @ theta + (self.N @ theta) @ theta, 0.0))
@@ -187,3 +193,14 @@ class Reduced:
             kappa2 = self.scales(theta)
         likelihood = float((self.chi2(theta) / kappa2 + self.freedom * np.log(kappa2)).sum())
         return likelihood / self.temperature + float((theta**2 / prior**2).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Summed:
+    """The likelihood of θ with the windows at their scales: minus twice its logarithm is c − 2 b'θ + θ'N θ + log, N
+    (P, P), b (P)."""
+
+    N: Array
+    b: Array
+    c: float
+    log: float
