@@ -1,0 +1,44 @@
+"""Hypotheses where they stand: what is kept of one whose columns were let go of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from compiled import Compiled
+from test_shooting import shooting
+
+from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.design import TEMPERATURE, Point, design
+from hdagen.diagnosis.fitting import Fitted, advanced, begun
+from hdagen.diagnosis.starts import suggested
+
+Builder = Callable[..., Compiled]
+NAMES = {"transmission_hysteresis@1", "sensor_delay@1"}
+
+
+@pytest.fixture(scope="module")
+def fit(build: Builder) -> Fitted:
+    """Two effects at once, one step from their first values."""
+    sh = shooting(build, "native")
+    words = dictionary(sh.arm, suggested(sh.arm, sh.record))
+    atoms = tuple(k for k, atom in enumerate(words.atoms) if atom.name in NAMES and atom.first)
+    assert len(atoms) == 2
+    at = design(sh, words, Point(sh.arm.p, sh.begun(sh.arm.p)))
+    return advanced(begun(at, words, atoms, 0.1), words)
+
+
+@pytest.mark.parametrize("excess", [1.0, 1.7, 3.1, 40.0])
+def test_what_was_let_go_of_tells_what_it_told(fit: Fitted, excess: float) -> None:
+    """At any temperature, also of the hypotheses with fewer effects: those that are compared were let go of or not."""
+    bare = fit.bare()
+    assert fit.whole and not bare.whole and bare.design.columns.size == 0 and bare.bare() is bare
+    assert len(fit.lesser) == 4
+    for atoms in fit.lesser:
+        assert bare.evidence(excess * TEMPERATURE, atoms) == fit.evidence(excess * TEMPERATURE, atoms)
+
+
+def test_the_evidence_is_the_scores_at_the_temperature_of_the_fit(fit: Fitted) -> None:
+    assert fit.evidence(TEMPERATURE) == pytest.approx(fit.score.evidence, rel=1e-9)
+    values = [fit.evidence(t * TEMPERATURE) for t in (1.0, 2.0, 4.0)]
+    assert values == sorted(values)
