@@ -147,31 +147,6 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
     return Design(at.shooting, words, nearer.point, columns, nearer.residual, at.k)
 
 
-def renewed(at: Design, words: Dictionary, point: Point) -> Design:
-    """The design of a hypothesis about its own point: first states, base parameters, what is or was free and its shapes
-    are made anew, the rest is kept."""
-    shooting, m, k = at.shooting, at.shooting.m, at.k
-    kept = {(c.parameter, c.atom): i for i, c in enumerate(at.words.columns)}
-    meant = words.meant | at.words.meant
-    free = {c.atom for c in words.columns if c.atom >= 0 and words.atoms[c.atom].name in meant}
-    lanes, places = _first(shooting, point), list(range(m))
-    for i, c in enumerate(words.columns):
-        if (c.parameter, c.atom) not in kept or c.atom in free or c.base:
-            lanes.append(_moved(shooting, words, point, c))
-            places.append(m + k + i)
-    seen, fresh = _differences(shooting, point, lanes)
-    old = [*range(m + k), *(m + k + kept.get((c.parameter, c.atom), 0) for c in words.columns)]
-    columns = at.columns[old]
-    columns[places] = fresh
-    made = Design(shooting, words, point, columns, residual(shooting, seen), k)
-    products = at.gram.some(old)
-    for w, part in enumerate(made.parts):
-        products[w, places] = fresh[:, part] @ columns[:, part].T
-        products[w, :, places] = products[w, places]
-    made.__dict__["gram"] = Gram(products, m, k)
-    return made
-
-
 def _differences(shooting: Shooting, point: Point, lanes: list[tuple[Lane, float]]) -> tuple[Array, Array]:
     """What the point predicts (R, M), and the columns of lanes with their steps."""
     seen = predicted(shooting, [Lane(point.p, point.begun), *(lane for lane, _ in lanes)])

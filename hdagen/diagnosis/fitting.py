@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
-from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots, renewed
+from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots
 from hdagen.diagnosis.evidence import Scored, laplace, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear, Summed
 from hdagen.plant import Array
@@ -28,7 +28,7 @@ REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it s
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
-ENOUGH = 0.1  # of log evidence that a step must bring for another one with the same columns
+ENOUGH = 0.1  # of log evidence that a step must bring for another one
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,7 @@ class Fitted:
     score: Scored
     unexplained: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
     clean: float  # log evidence that it would have if it left noise alone
+    stands: bool = False  # whether no further step helps
     kept: tuple[Summed, Mapping[tuple[int, ...], float]] | None = None  # of one without its columns: what they told
 
     @property
@@ -111,10 +112,10 @@ class Fitted:
 def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, start: Point | None = None) -> Fitted:
     """A hypothesis in the columns of ``at``, at its point with the shapes where its atoms have them; or at ``start``,
     with columns made anew there. ``near``: a size of unexplained torque to begin from."""
-    own = chosen(at, words.focused(atoms))
     if start is not None:
-        there = own.moved(start)
-        return _scored(renewed(there, words.about(at.shooting.arm, atoms, start.p), start), atoms, near)
+        made = design(at.shooting, words.about(at.shooting.arm, atoms, start.p), start)
+        return _scored(made, atoms, near)
+    own = chosen(at, words.focused(atoms))
     p = at.point.p.copy()
     for k in atoms:
         words.atoms[k].shape(at.shooting.arm, p)
@@ -131,25 +132,29 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
             most = TOLERATED * c.spike * abs(c.unit)
             p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
     point = Point(p, fit.design.point.begun)
-    there = renewed(fit.design, words.about(arm, atoms, p), point)
-    return _scored(there, atoms, fit.score.at.s, fit.clean)
+    made = design(fit.design.shooting, words.about(arm, atoms, p), point)
+    return _scored(made, atoms, fit.score.at.s, fit.clean)
 
 
 def again(fit: Fitted, words: Dictionary) -> Fitted:
-    """A hypothesis whose columns were let go of, with all of them, where it stands."""
+    """A hypothesis whose columns were let go of, with all of them, where it is."""
     at = fit.design
     made = design(at.shooting, words.about(at.shooting.arm, fit.atoms, at.point.p), at.point)
     return _scored(made, fit.atoms, fit.score.at.s, fit.clean)
 
 
-def advanced(fit: Fitted, words: Dictionary, every: bool = False) -> Fitted:
-    """A hypothesis one step further, its columns made anew there: its own, or ``every`` one. As it was where no step
-    helps."""
+def advanced(fit: Fitted, words: Dictionary) -> Fitted:
+    """A hypothesis one step further, its columns made anew there: about another point those of what is tolerated tell
+    it a likelihood that is not its own. One that stands is left as it is."""
+    if fit.stands:
+        return fit
     there = descend(fit.design, fit.atoms, fit.score)
+    if there is fit.design:
+        return replace(fit, stands=True)
     there.gram.forget()
-    own = words.about(there.shooting.arm, fit.atoms, there.point.p)
-    made = design(there.shooting, own, there.point) if every else renewed(there, own, there.point)
-    return _scored(made, fit.atoms, fit.score.at.s, fit.clean)
+    made = design(there.shooting, words.about(there.shooting.arm, fit.atoms, there.point.p), there.point)
+    moved = _scored(made, fit.atoms, fit.score.at.s, fit.clean)
+    return replace(moved, stands=abs(moved.score.evidence - fit.score.evidence) < ENOUGH * moved.excess)
 
 
 def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None = None) -> Fitted:

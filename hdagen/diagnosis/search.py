@@ -100,15 +100,15 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
         return _bare(ordered)
     say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
     rest = [fit.bare() for fit in ordered if fit not in close]
-    stood = together(lambda fit: _on(fit if fit.whole else again(fit, words), words, STEPS, ENOUGH), close)
+    whole = together(lambda fit: fit if fit.whole or fit.stands else again(fit, words), close)
+    stood = together(lambda fit: _on(fit, words, STEPS, ENOUGH), whole)
     return _bare(_ordered([*stood, *rest]))
 
 
 def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
-    """A hypothesis that goes on, all its columns made anew at each of so many steps, as long as one brings ``enough``
-    temperatures of log evidence."""
+    """A hypothesis that goes on for so many steps, as long as one brings ``enough`` temperatures of log evidence."""
     for _ in range(steps):
-        further = advanced(fit, words, every=True)
+        further = advanced(fit, words)
         before, fit = fit, max(fit, further, key=lambda one: one.score.evidence)
         if further.score.evidence < before.score.evidence + enough * before.excess:
             break
