@@ -124,6 +124,11 @@ class Dictionary:
         """Columns that are free when ``atoms`` are."""
         return np.array([c for c, column in enumerate(self.columns) if column.atom in atoms], int)
 
+    def own(self, atoms: tuple[int, ...]) -> np.ndarray:
+        """Columns that only a hypothesis with ``atoms`` has: their amplitudes and shapes."""
+        shapes = {shape for k in atoms for shape in self.atoms[k].shapes}
+        return np.array([c for c, one in enumerate(self.columns) if one.atom in atoms or one.parameter in shapes], int)
+
     def theta(self, p: Array) -> Array:
         """The parameters p in usual sizes (P); where several atoms share one, it is that of the widest alone."""
         widest: dict[str, int] = {}

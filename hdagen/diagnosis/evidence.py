@@ -33,13 +33,23 @@ STILL = 0.05  # change of log κ² below which they are not
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """θ at one s and κ² (W): mean, or most probable within bounds (P), covariance (P, P), log evidence."""
+    """θ at one s and κ² (W): mean, or most probable within bounds (P), covariance (P, P), minus twice the log posterior
+    there but for the constant of its prior, log evidence."""
 
     s: float
     kappa2: Array
     mean: Array
     covariance: Array
+    cost: float
     evidence: float
+
+    def worth(self, prior: Array, own: Array) -> float:
+        """Log evidence in which only the columns ``own`` pay Occam's factor: what all hypotheses have alike, a column
+        tells here a little better and there a little worse, and together that is more than what parts them."""
+        width = prior[own]
+        return -0.5 * (
+            self.cost - float(np.linalg.slogdet(self.covariance[np.ix_(own, own)] / width / width[:, None])[1])
+        )
 
     @property
     def level(self) -> float:
@@ -108,25 +118,27 @@ def posterior(
     """θ under prior standard deviations ``spike`` (P), the windows at scales ``kappa2`` (W). With ``bounds`` the most
     probable θ lies within them, and the evidence is that of Laplace's approximation there; without, it is exact. The
     likelihood counts as its root of order ``temperature`` (default: that of ``reduced``), the prior as it is."""
-    found = laplace(reduced.summed(kappa2), spike, reduced.temperature if temperature is None else temperature, bounds)
-    return Posterior(s, kappa2, *found)
+    temperature = reduced.temperature if temperature is None else temperature
+    return laplace(reduced.summed(kappa2), spike, s, kappa2, bounds, temperature)
 
 
-def laplace(summed: Summed, spike: Array, temperature: float, bounds: Bounds | None) -> tuple[Array, Array, float]:
-    """Mean, covariance and log evidence of a `posterior`."""
+def laplace(
+    summed: Summed, spike: Array, s: float, kappa2: Array, bounds: Bounds | None, temperature: float
+) -> Posterior:
+    """A `posterior` from all windows together."""
     N, b = summed.N / temperature, summed.b / temperature
     V = spike[:, None] * spike
     factor = scipy.linalg.cho_factor(N * V + np.eye(len(spike)), lower=True)
     covariance = scipy.linalg.cho_solve(factor, np.eye(len(spike))) * V
     mean = covariance @ b
-    widths = 2.0 * float(np.log(np.diagonal(factor[0])).sum())
-    log = -0.5 * ((summed.c + summed.log) / temperature - float(b @ mean) + widths)
+    cost = (summed.c + summed.log) / temperature - float(b @ mean)
     if bounds is not None:
         H = N + np.diag(1.0 / spike**2)
         within = bounded(H, b, mean, bounds)
-        log -= 0.5 * float((within - mean) @ H @ (within - mean))
+        cost += float((within - mean) @ H @ (within - mean))
         mean = within
-    return mean, covariance, log
+    widths = 2.0 * float(np.log(np.diagonal(factor[0])).sum())
+    return Posterior(s, kappa2, mean, covariance, cost, -0.5 * (cost + widths))
 
 
 def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 
 from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
 from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots
-from hdagen.diagnosis.evidence import Scored, laplace, posterior, posteriors, settled
+from hdagen.diagnosis.evidence import Posterior, Scored, laplace, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear, Summed
 from hdagen.plant import Array
 
@@ -63,11 +63,12 @@ class Fitted:
         linear model holds."""
         atoms = self.atoms if atoms is None else atoms
         summed, overrated = self.kept or (self._summed, self._overrated)
-        return self._without(summed, atoms, temperature)[2] - 0.5 * overrated[atoms] * TEMPERATURE / temperature
+        found, prior = self._without(summed, atoms, temperature), _prior(self.design, atoms)
+        return found.worth(prior, self.design.words.own(atoms)) - 0.5 * overrated[atoms] * TEMPERATURE / temperature
 
-    def _without(self, summed: Summed, atoms: tuple[int, ...], temperature: float) -> tuple[Array, Array, float]:
-        words = self.design.words.meaning(atoms)
-        return laplace(summed, _prior(self.design, atoms), temperature, words.bounds(self.design.shooting.arm))
+    def _without(self, summed: Summed, atoms: tuple[int, ...], temperature: float) -> Posterior:
+        at, bounds = self.score.at, self.design.words.meaning(atoms).bounds(self.design.shooting.arm)
+        return laplace(summed, _prior(self.design, atoms), at.s, at.kappa2, bounds, temperature)
 
     @cached_property
     def _summed(self) -> Summed:
@@ -76,15 +77,18 @@ class Fitted:
 
     @cached_property
     def _overrated(self) -> dict[tuple[int, ...], float]:
-        """By how much the linear model promises too little of minus twice the log posterior where a hypothesis with
-        fewer atoms would stand: without what is large it is no model of theirs."""
-        found = {self.atoms: 0.0}
+        """By how much the linear model promises too little of minus twice the log posterior where each hypothesis would
+        stand: without what is large it is no model of those with fewer atoms, and where no step helps it promises what
+        is not there."""
         linear, s = self.design.linear(), self.score.at.s
-        for atoms in self.lesser[:-1]:
-            theta, prior = self._without(self._summed, atoms, TEMPERATURE)[0], _prior(self.design, atoms)
+        reduced, found = linear.reduced(s), {}
+        for atoms in self.lesser:
+            theta, prior = self._without(self._summed, atoms, TEMPERATURE).mean, _prior(self.design, atoms)
             there = _tried(self.design, linear, s, _moved(self.design, linear, s, theta))[1]
-            missed = there.reduced(s).cost(there.theta, prior) - linear.reduced(s).cost(theta, prior)
-            found[atoms] = max(missed, 0.0)
+            least = there.reduced(s).cost(there.theta, prior)
+            if atoms == self.atoms:  # it stands where it is
+                least = min(least, reduced.cost(linear.theta, prior))
+            found[atoms] = max(least - reduced.cost(theta, prior), 0.0)
         return found
 
     @property
@@ -162,15 +166,14 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None
     prior, bounds = _prior(at, atoms), at.words.bounds(at.shooting.arm)
     found = posteriors(linear, prior, near, bounds)
     best = max(found, key=lambda one: one.evidence)
-    torque = linear.inner(best.s, best.mean)[1]
+    torque, own = linear.inner(best.s, best.mean)[1], at.words.own(atoms)
     if clean is None:
         nothing, noise = linear.reduced(0.0), np.ones(len(linear.rows))
         exact = posterior(nothing, prior, 0.0, noise, bounds)
-        clean = exact.evidence + 0.5 * (
-            nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum() / linear.temperature
-        )
+        left = nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum() / linear.temperature
+        clean = exact.worth(prior, own) + 0.5 * left
     linear.gram.forget()
-    return Fitted(atoms, at, Scored(atoms, best.evidence, best), _by_joint(at, torque), clean)
+    return Fitted(atoms, at, Scored(atoms, best.worth(prior, own), best), _by_joint(at, torque), clean)
 
 
 def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
