@@ -63,8 +63,19 @@ class Fitted:
         linear model holds."""
         atoms = self.atoms if atoms is None else atoms
         summed, overrated = self.kept or (self._summed, self._overrated)
+        return self._worth(summed, atoms, temperature) - 0.5 * overrated[atoms] * TEMPERATURE / temperature
+
+    def promised(self, atoms: tuple[int, ...]) -> float:
+        """Log evidence of a hypothesis with any ``atoms``, in the linear model where this one stands."""
+        return self._worth(self._summed, atoms, TEMPERATURE)
+
+    def standing(self, atoms: tuple[int, ...]) -> Array:
+        """The θ of that hypothesis there (P)."""
+        return self._without(self._summed, atoms, TEMPERATURE).mean
+
+    def _worth(self, summed: Summed, atoms: tuple[int, ...], temperature: float) -> float:
         found, prior = self._without(summed, atoms, temperature), _prior(self.design, atoms)
-        return found.worth(prior, self.design.words.own(atoms)) - 0.5 * overrated[atoms] * TEMPERATURE / temperature
+        return found.worth(prior, self.design.words.own(atoms))
 
     def _without(self, summed: Summed, atoms: tuple[int, ...], temperature: float) -> Posterior:
         at, bounds = self.score.at, self.design.words.meaning(atoms).bounds(self.design.shooting.arm)
@@ -83,7 +94,7 @@ class Fitted:
         linear, s = self.design.linear(), self.score.at.s
         reduced, found = linear.reduced(s), {}
         for atoms in self.lesser:
-            theta, prior = self._without(self._summed, atoms, TEMPERATURE).mean, _prior(self.design, atoms)
+            theta, prior = self.standing(atoms), _prior(self.design, atoms)
             there = _tried(self.design, linear, s, _moved(self.design, linear, s, theta))[1]
             least = there.reduced(s).cost(there.theta, prior)
             if atoms == self.atoms:  # it stands where it is
@@ -138,6 +149,18 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
     point = Point(p, fit.design.point.begun)
     made = design(fit.design.shooting, words.about(arm, atoms, p), point)
     return _scored(made, atoms, fit.score.at.s, fit.clean)
+
+
+def instead(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
+    """The hypothesis with these atoms, begun where the linear model about a fit has it: what looks alike lies there,
+    and about its own numbers it may not have found it."""
+    at, arm, s = fit.design, fit.design.shooting.arm, fit.score.at.s
+    linear = at.linear()
+    point = _moved(at, linear, s, fit.standing(atoms))
+    for k in set(atoms) - set(fit.atoms):
+        words.atoms[k].shape(arm, point.p)
+    made = design(at.shooting, words.about(arm, atoms, point.p), point)
+    return _scored(made, atoms, s, fit.clean)
 
 
 def again(fit: Fitted, words: Dictionary) -> Fitted:

@@ -11,7 +11,7 @@ import numpy as np
 from hdagen.diagnosis.candidates import Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
-from hdagen.diagnosis.fitting import Fitted, advanced, again, begun, lessened
+from hdagen.diagnosis.fitting import Fitted, advanced, again, begun, instead, lessened
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
@@ -24,7 +24,8 @@ FURTHER = (5, 3, 2)  # the same of further effects beside a leader
 BRIM, MOST_BRIMMING = 2.5, 2  # standard deviations from which what is tolerated is as large as it may be; how many such
 WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
 LONGEST = 3  # further steps at most, each for another temperature of log evidence
-FEWER = 3  # rounds of what has fewer effects than the leader, from where that stands
+FEWER = 3  # rounds of what has fewer effects than the leader, or another one instead, from where that stands
+ALIKE, MOST_ALIKE = 40.0, 3  # temperatures behind the leader, in its linear model, of what looks like it; how many such
 SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
 MUCH = 0.1  # of the log evidence that none lacks
@@ -32,6 +33,9 @@ HOPELESS = 20.0  # temperatures behind the leader
 CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, within which nothing is decided yet; how many such
 STEPS, ENOUGH = 8, 0.1  # that each of them goes on at most, and temperatures of log evidence that one must bring
 CLEAN = 0.05, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
+
+
+Begin = tuple[Callable[[Fitted, Dictionary, tuple[int, ...]], Fitted], tuple[int, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,28 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
             break
         leads, fitted = [lead], _bare(fitted)
     fewer = [atoms for atoms in lead.lesser if len(atoms) in {0, len(lead.atoms) - 1} - {len(lead.atoms)}]
-    return _contested([*fitted, *together(partial(_fewer, lead, words, say), fewer)], words, say)
+    begin = [*((lessened, atoms) for atoms in fewer), *((instead, atoms) for atoms in _alike(lead, fitted, words))]
+    return _contested([*fitted, *together(partial(_from, lead, words, say), begin)], words, say)
+
+
+def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tuple[int, ...]]:
+    """Sets with another effect in the place of one of the lead's that promise nearly as much where it stands, and more
+    than they came to where they were fitted: the most promising first."""
+    known: dict[tuple[str, ...], float] = {}
+    for fit in fitted:
+        known[fit.names] = max(fit.score.evidence, known.get(fit.names, -np.inf))
+    here = {c.atom for c in lead.design.words.columns} - {-1, *lead.atoms}
+    found = []
+    for one in lead.atoms:
+        rest = tuple(k for k in lead.atoms if k != one)
+        for k in sorted(here):
+            if _fits(lead.design, words, rest, k):
+                names = tuple(sorted(words.atoms[i].name for i in (*rest, k)))
+                promise = lead.promised((*rest, k))
+                least = max(known.get(names, -np.inf), lead.score.evidence - ALIKE * lead.excess)
+                if promise > least:
+                    found.append((promise, (*rest, k)))
+    return [atoms for _, atoms in sorted(found, reverse=True)[:MOST_ALIKE]]
 
 
 def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]) -> list[Fitted]:
@@ -115,9 +140,10 @@ def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
     return fit
 
 
-def _fewer(lead: Fitted, words: Dictionary, say: Callable[[str], None], atoms: tuple[int, ...]) -> Fitted:
-    """The hypothesis with some of the lead's atoms, fitted from where the lead stands."""
-    fit = lessened(lead, words, atoms)
+def _from(lead: Fitted, words: Dictionary, say: Callable[[str], None], begin: Begin) -> Fitted:
+    """A hypothesis that begins where the lead stands."""
+    how, atoms = begin
+    fit = how(lead, words, atoms)
     for number in range(1, FEWER + 1):
         fit = _further(words, say, f"from {' + '.join(lead.names)}, round {number} of {FEWER}", fit)
     return fit
