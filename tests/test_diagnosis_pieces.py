@@ -17,6 +17,7 @@ from hdagen.diagnosis.decide import Hypothesis, _decided, _strange, least
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import settled
 from hdagen.diagnosis.fitting import _prior
+from hdagen.diagnosis.foreign import foreign
 from hdagen.diagnosis.linear import Gram, Linear
 from hdagen.diagnosis.memory import returned
 from hdagen.diagnosis.search import BRIM, _bare, _brimming, first_whole
@@ -28,6 +29,34 @@ def described(**parameters: float) -> Any:
     """An arm that has these parameters, of typical size 100 and nominal as given."""
     each = {name: SimpleNamespace(typical=100.0, nominal=value) for name, value in parameters.items()}
     return SimpleNamespace(parameters=SimpleNamespace(described=each))
+
+
+# -- another machine's robot file -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("off", "named", "refused"),
+    [
+        ([0.9, -1.4, 0.3, 2.0], [], False),
+        ([5.0, 0.1, -0.2, 0.3], [], False),  # one number that is wrong is no other machine
+        ([4.3, 3.9, -3.1, 3.0], [], True),
+        ([4.3, 3.9, -3.1, 3.0], [0, 1], False),  # what the verdict moves is not the file's
+    ],
+)
+def test_a_robot_file_far_outside_its_tolerances_is_refused(off: list[float], named: list[int], refused: bool) -> None:
+    names = ["mass_1", "inertia_2", "torque_constant_1", "coulomb_friction_2"]
+    columns = [SimpleNamespace(parameter=n, base=True, atom=k, spike=0.5) for k, n in enumerate(names)]
+    columns.append(SimpleNamespace(parameter="ripple_order_1", base=True, atom=-1, spike=1e-9))  # a shape
+    described = {n: SimpleNamespace(tolerance=0.05 * (n in names)) for n in [*names, "ripple_order_1"]}
+    arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
+    design = SimpleNamespace(words=SimpleNamespace(columns=columns), shooting=SimpleNamespace(arm=arm))
+    best: Any = SimpleNamespace(
+        design=design, posterior=(np.array([0.5 * z for z in off] + [1.0]), None), atoms=named, names=("payload@2",)
+    )
+    said = foreign(best)
+    assert (said is not None) == refused
+    if said:
+        assert "mass_1 by 4.3" in said and "payload@2" in said
 
 
 # -- what counts ------------------------------------------------------------------------------------------------------
@@ -105,7 +134,7 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
 
     moved: list[tuple[int, ...]] = []
 
-    def step(one: Any, words: Any, every: bool) -> Any:
+    def step(one: Any, words: Any) -> Any:
         moved.append(one.atoms)
         return fit(one.atoms, min(one.score.evidence + 2.0, ends[one.atoms]))
 

@@ -13,6 +13,7 @@ from hdagen.diagnosis.achievable import corrected
 from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
+from hdagen.diagnosis.foreign import foreign
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.portion import SHARE, Portion, parted
@@ -21,7 +22,7 @@ from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.whereabouts import where
-from hdagen.log import Log
+from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
 from hdagen.repair import prepared
 from hdagen.replay import Replay, check, replay
@@ -68,6 +69,9 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     seen = record(arm, shown, window)
     found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
     decision = decide(found)
+    unknown = any("unknown" in entry for entry in decision.verdict)  # which bends what it likes
+    if not unknown and (refused := foreign(decision.best)):
+        raise LogError([f"{logs[0].source}: {refused}"])
     content = findings(found, decision)
     say("replay of held-out motion")
     before = _counted(replay(plain, held_out.log), seen)

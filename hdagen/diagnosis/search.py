@@ -93,21 +93,20 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
 
 def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tuple[int, ...]]:
     """Sets with another effect in the place of one of the lead's that promise nearly as much where it stands, and more
-    than they came to where they were fitted: the most promising first."""
+    than they came to where they were fitted, the most promising first; before them the lead's with a twin."""
     known: dict[tuple[str, ...], float] = {}
     for fit in fitted:
         known[fit.names] = max(fit.score.evidence, known.get(fit.names, -np.inf))
-    here = {c.atom for c in lead.design.words.columns} - {-1, *lead.atoms}
+    here = sorted({c.atom for c in lead.design.words.columns} - {-1, *lead.atoms})
     found = []
     for one in lead.atoms:
-        rest = tuple(k for k in lead.atoms if k != one)
-        for k in sorted(here):
-            if _fits(lead.design, words, rest, k):
-                names = tuple(sorted(words.atoms[i].name for i in (*rest, k)))
-                promise = lead.promised((*rest, k))
-                least = max(known.get(names, -np.inf), lead.score.evidence - ALIKE * lead.excess)
-                if promise > least:
-                    found.append((promise, (*rest, k)))
+        rest = tuple(i for i in lead.atoms if i != one)
+        for k in (k for k in here if _fits(lead.design, words, rest, k)):
+            twin = words.atoms[k].twin(words.atoms[one])
+            promise = np.inf if twin else lead.promised((*rest, k))
+            names = tuple(sorted(words.atoms[i].name for i in (*rest, k)))
+            if promise > max(known.get(names, -np.inf), lead.score.evidence - ALIKE * lead.excess):
+                found.append((promise, (*rest, k)))
     return [atoms for _, atoms in sorted(found, reverse=True)[:MOST_ALIKE]]
 
 
