@@ -48,6 +48,7 @@ def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[s
                 "place": e.port.place,
                 "joints": model.applies(e),
                 "amplitudes": [name for name in e.amplitudes if _stands(model, name)],
+                "states": [state.name for state in e.states],
                 "shapes": [q.name for q in e.parameters if q.name not in e.amplitudes],
                 "citation": e.citation,
             }

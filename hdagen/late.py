@@ -26,7 +26,7 @@ class Path:
     """Rows at ``time`` (T), s; ``begins``: rows at which a path begins that knows nothing of the one before."""
 
     time: Array
-    begins: Array | None = None
+    begins: Rows | None = None
     kept: dict[float, tuple[Rows, Array, Rows]] = field(default_factory=dict)
 
     @cached_property
@@ -75,7 +75,7 @@ class Path:
         return found
 
 
-def read(arm: Arm, time: Array, x: Array, u: Array, begins: Array | None = None) -> dict[str, Array]:
+def read(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) -> dict[str, Array]:
     """`Arm.outputs` for the states x (T, nx) at ``time`` (T) with what acts there, u (T, nu); joint_position is read as
     late as ``sensor_delay`` says. ``begins``: rows at which a path begins that knows nothing of the one before."""
     if not _delays(arm):

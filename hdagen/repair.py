@@ -49,8 +49,9 @@ class Repair:
     sentence: str
 
 
-def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
-    """``log`` as a diagnosis with ``arm`` can use it, and what was done; the log's notes say it too.
+def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
+    """``log`` as a diagnosis with ``arm`` can use it, what was done, which the log's notes say too, and the triage of
+    what it is then.
 
     ``log`` may hold NaN where a value is missing. Raises LogError with everything that no one but its owner can mend.
     """
@@ -66,13 +67,15 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
             break
         log = _applied(log, mended)
         repairs += [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
+    else:
+        seen = look(log, arm.robot)
     problems = [f"{log.source}: {f.sentence}" for f in findings if f.severity is Severity.REFUSE]
     problems += _too_little(log, seen)
     if problems:
         raise LogError(list(dict.fromkeys(problems)))
     repairs += _gaps(log)
     notes = (*log.notes, *(one.sentence for one in repairs))
-    return Log(log.time, log.columns, log.n_joints, log.source, tuple(dict.fromkeys(notes))), repairs
+    return Log(log.time, log.columns, log.n_joints, log.source, tuple(dict.fromkeys(notes))), repairs, seen
 
 
 def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[list[Log], list[Log], dict[str, Any]]:
@@ -98,7 +101,7 @@ def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[li
             problems += error.problems
     if problems:
         raise LogError(problems)
-    seen = [look(one, arm.robot) for one, _ in done]
+    seen = [one for _, _, one in done]
     of_first = seen[0].data()
     said = {name: of_first[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
     said["skews"] = list(
@@ -107,11 +110,11 @@ def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[li
     said["warnings"] = list(dict.fromkeys(s for one in seen for s in one.warnings))
     said["repaired"] = [
         {"log": one.source, "name": each.name, "joint": each.joint, "what": each.sentence}
-        for one, repairs in done
+        for one, repairs, _ in done
         for each in repairs
     ]
     said["refused"] = []  # a log that is refused ends in no diagnosis
-    ready = [one for one, _ in done]
+    ready = [one for one, _, _ in done]
     return ready[: len(logs)], ready[len(logs) :], said
 
 

@@ -63,7 +63,7 @@ def same(log: Log, before: Log, rows: slice = slice(20, -20)) -> bool:
 
 
 def test_a_sound_log_is_left_as_it_is(good: Log, arm: Arm) -> None:
-    log, repairs = repair(good, arm)
+    log, repairs, _ = repair(good, arm)
     assert repairs == [] and log.columns is good.columns and log.notes == good.notes
 
 
@@ -75,9 +75,10 @@ def test_no_made_log_is_refused_or_mended(made: list[tuple[Log, Arm]]) -> None:
 @pytest.mark.parametrize("what", MENDED)
 def test_what_leaves_no_choice_is_mended(what: str, good: Log, arm: Arm) -> None:
     damage, names = MENDED[what]
-    log, repairs = repair(damage(good), arm)
+    log, repairs, seen = repair(damage(good), arm)
     assert {one.name for one in repairs} == names
     assert same(log, good)
+    assert seen.findings == look(log, arm.robot).findings
     assert all(one.sentence in log.notes and one.sentence.endswith(".") for one in repairs)
     assert all("columns.toml" in one.sentence and "Read here with" in one.sentence for one in repairs)
 
@@ -85,7 +86,7 @@ def test_what_leaves_no_choice_is_mended(what: str, good: Log, arm: Arm) -> None
 @pytest.mark.parametrize("what", LESSENED)
 def test_rows_and_columns_that_are_no_use_are_left_out_and_said(what: str, good: Log, arm: Arm) -> None:
     damage, names = LESSENED[what]
-    log, repairs = repair(damage(good), arm)
+    log, repairs, _ = repair(damage(good), arm)
     assert {one.name for one in repairs} == names
     assert all(np.isfinite(values).all() for values in log.columns.values())
     left = np.isin(good.time, log.time)
@@ -111,7 +112,7 @@ def test_no_damage_of_a_made_log_passes_in_silence(what: str, made: list[tuple[L
                 repair(REFUSED[what][0](log), arm)
             continue
         damage, names = (MENDED | LESSENED)[what]
-        mended, repairs = repair(damage(log), arm)
+        mended, repairs, _ = repair(damage(log), arm)
         assert {one.name for one in repairs} == names, (log.source, repairs)
         assert what in LESSENED or same(mended, log), log.source
 
@@ -152,7 +153,7 @@ def test_a_recording_that_was_cut_off_is_refused_and_a_drive_that_saturates_is_n
 
 def test_several_mistakes_at_once_are_all_mended(good: Log, arm: Arm) -> None:
     spoilt = times(180 / math.pi, "motor_position_1")(times(1e3, "motor_current_2", "motor_current_command_2")(good))
-    log, repairs = repair(spoilt, arm)
+    log, repairs, _ = repair(spoilt, arm)
     assert {one.name for one in repairs} == {"degrees", "milliamperes"} and same(log, good)
     both_kinds = times(-1, "motor_current_1", "motor_current_command_1")(spoilt)
     with pytest.raises(LogError, match="reversed") as raised:
@@ -166,7 +167,7 @@ def test_milliamperes_are_seen_without_a_stated_current_by_the_inertia_they_ask_
     names = ("motor_current_command_1", "motor_current_2", "motor_current_command_2")
     small = times(1 / 50, *names)(alone)  # the robot file's drive has 50 times the torque per ampere
     assert all(np.abs(1e3 * small[name]).max() < 200 for name in names)
-    log, repairs = repair(times(1e3, *names)(small), arm)
+    log, repairs, _ = repair(times(1e3, *names)(small), arm)
     assert {one.name for one in repairs} == {"milliamperes"} and same(log, small)
 
 
@@ -212,7 +213,7 @@ def test_segments_are_cut_where_rows_are_missing_for_long(good: Log, arm: Arm) -
     rows[500:503] = False  # commands are held over these
     rows[1000:1200] = False
     rows[2000:2030] = False
-    log, repairs = repair(kept(good, rows), arm)
+    log, repairs, _ = repair(kept(good, rows), arm)
     assert segments(log.time) == [(0, 997), (997, 1797), (1797, len(log))]
     assert "cut into 3 parts" in repairs[0].sentence
     assert segments(good.time) == [(0, len(good))]
@@ -257,7 +258,7 @@ def test_a_file_with_holes_is_read_for_repair_and_refused_otherwise(good: Log, a
     write(sparse("motor_temperature_1", 0.9)(changed_with_temperature(holes("joint_position_1", 700, 3)(good))), path)
     with pytest.raises(LogError, match="no value"):
         read(path, joints=2)
-    log, repairs = repair(read(path, joints=2, holes=True), arm)
+    log, repairs, _ = repair(read(path, joints=2, holes=True), arm)
     assert len(log) == len(good) - 3 and "motor_temperature_1" not in log
     assert [(one.name, one.joint) for one in repairs] == [("missing", 1), ("missing", 0), ("dropped", 0)]
 

@@ -22,8 +22,11 @@ MOVED = {"torsional_damping_1": 100.0, "viscous_friction_1": 1.1, "coulomb_frict
 SET = {"sensor_delay_1": 1e-3, "current_lag_2": 1e-3, "hysteresis_torque_1": 2.0}
 
 
-def shooting(build: Builder, profile: str, torques: bool = False, gaps: bool = False) -> Shooting:
-    """``gaps``: rows are missing, and between two gaps too few are left for a window."""
+def shooting(
+    build: Builder, profile: str, torques: bool = False, gaps: bool = False, hidden: tuple[int, int] = (0, 0)
+) -> Shooting:
+    """``gaps``: rows are missing, and between two gaps too few are left for a window; rows that are ``hidden`` from the
+    fit."""
     arm = Arm(build(FLEXIBLE, profile, EFFECTS).folder)
     log = simulated(arm)
     columns, rng = dict(log.columns), np.random.default_rng(3)
@@ -31,7 +34,9 @@ def shooting(build: Builder, profile: str, torques: bool = False, gaps: bool = F
         columns |= {f"joint_torque_{j}": rng.normal(size=len(log)) for j in (1, 2)}
     kept = np.setdiff1d(np.arange(len(log)), [*range(300, 320), *range(330, 350)] if gaps else [])
     there = {name: np.ascontiguousarray(values[kept]) for name, values in columns.items()}
-    return Shooting(arm, record(arm, Portion.whole(Log(log.time[kept], there, log.n_joints, log.source)), 0.05))
+    shown = np.ones(len(kept), bool)
+    shown[slice(*hidden)] = False
+    return Shooting(arm, record(arm, Portion(Log(log.time[kept], there, log.n_joints, log.source), shown), 0.05))
 
 
 def lanes(sh: Shooting) -> list[Lane]:
@@ -83,7 +88,7 @@ def seat(sh: Shooting) -> tuple[np.ndarray, ...]:
     """A thread's memory."""
     found = sh.seats.get()
     sh.seats.put(found)
-    return found.inputs, found.shown, found.constants, found.x
+    return found.inputs, found.constants, found.states
 
 
 @pytest.mark.parametrize("torques, gaps", [(False, False), (False, True), (True, True)])
@@ -104,3 +109,34 @@ def test_what_is_seen_is_what_the_sensors_read_of_the_states(build: Builder, tor
         for column, (quantity, j) in zip(found.T, sh.record.outputs, strict=True):
             read = seen[quantity][:, j - 1]
             np.testing.assert_allclose(column, read, rtol=0, atol=1e-12 * np.abs(read).max())
+
+
+@pytest.mark.parametrize("loud", [False, True])
+def test_windows_that_nobody_looks_at_are_gone_through_for_what_remembers(build: Builder, loud: bool) -> None:
+    """Without them nothing that is looked at would be another."""
+    part, full = shooting(build, "portable", hidden=(100, 250)), shooting(build, "portable")
+    looked = np.isin(full.rows, part.rows)
+    assert 0 < len(part.rows) == looked.sum() < len(full.rows)
+    p, begun = part.begin()
+    p[list(part.arm.parameters.described).index("hysteresis_torque_1")] = 2.0 * loud
+    assert np.array_equal(part.predict(Lane(p, begun)), full.predict(Lane(p, begun))[looked])
+    part.whole = part.brief
+    assert np.array_equal(part.predict(Lane(p, begun)), full.predict(Lane(p, begun))[looked]) != loud
+
+
+def test_the_input_stage_goes_by_its_own_parameters(build: Builder) -> None:
+    """By nothing else, as its outcome is kept by them."""
+    sh, rng = shooting(build, "portable"), np.random.default_rng(5)
+    arm, described = sh.arm, list(sh.arm.parameters.described.values())
+    assert {described[k].name for k in sh.staging} == {"current_lag_1", "current_lag_2"}
+    own = arm.p.copy()
+    own[sh.staging] = 1e-3, 2e-3
+    outcomes = []
+    for _ in range(5):
+        p = np.array(
+            [min(max(v * rng.uniform(0.9, 1.1) + 1e-9, q.low), q.high) for v, q in zip(own, described, strict=True)]
+        )
+        p[sh.staging] = own[sh.staging]
+        arm._prepare(p)
+        outcomes.append(np.stack(arm.acting(sh.command, sh.steps, sh.record.before)))
+    assert all(np.array_equal(one, outcomes[0]) for one in outcomes)

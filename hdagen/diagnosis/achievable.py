@@ -79,13 +79,14 @@ def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Re
     kept = seen.kept & shown.at(seen.time)
     raw = _raw(seen)
     basis = _basis(raw)
-    features, asked = basis.features(seen, raw), basis.features(held, _raw(held))
+    features = basis.features(seen, raw)
+    asked = features if held is seen else basis.features(held, _raw(held))
     missing = seen.missing(seen.before)
     whole = missing.motor if missing.link is None else missing.motor + missing.link / seen.ratio
     maps = [Map.of(features[j][kept], whole[kept, j]) for j in range(arm.n)]
     currents = [_current(shown, seen.replays[0], j) for j in range(1, arm.n + 1)]
     fitted = _replayed(seen, currents, [on(x) for on, x in zip(maps, features, strict=True)])
-    found = _replayed(held, currents, [on(x) for on, x in zip(maps, asked, strict=True)])
+    found = fitted if held is seen else _replayed(held, currents, [on(x) for on, x in zip(maps, asked, strict=True)])
     columns = dict(found.columns)
     for j in range(1, arm.n + 1):
         read = _encoder_map(j, seen, kept, features[j - 1], fitted)

@@ -6,8 +6,7 @@ Legend: R rows that are looked at, M channels, C columns; θ parameters in usual
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -49,13 +48,17 @@ class Design:
     def linear(self, temperature: float = TEMPERATURE) -> Linear:
         """The cross products with the residual as it would be at nominal parameters; the likelihood counts as its root
         of order ``temperature``."""
+        return replace(self._products, temperature=temperature)
+
+    @cached_property
+    def _products(self) -> Linear:
         head = self.shooting.m + self.k
         theta, edges = self.words.theta(self.point.p), self.edges
         r = self.residual.reshape(-1) + theta @ self.columns[head:]
         z = np.stack([self.columns[:, part] @ r[part] for part in self.parts])
         record = self.shooting.record
         told = np.add.reduceat(((record.noise / record.spread) ** 2).reshape(-1), edges[:-1])
-        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), told, theta, temperature)
+        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), told, theta)
 
     @property
     def edges(self) -> np.ndarray:
@@ -82,7 +85,7 @@ class Design:
 
     def moved(self, point: Point) -> Design:
         """The same columns with the residual of another point."""
-        return self.seen(point, predicted(self.shooting, [Lane(point.p, point.begun)])[0])
+        return self.seen(point, self.shooting.predict(Lane(point.p, point.begun)))
 
     def seen(self, point: Point, read: Array) -> Design:
         """The same columns with another point, at which the channels read ``read`` (R, M)."""
@@ -91,18 +94,12 @@ class Design:
         return other
 
 
-def predicted(shooting: Shooting, lanes: Sequence[Lane]) -> list[Array]:
-    """What the channels read (R, M) in each lane."""
-    looked = np.concatenate(shooting.record.looked)
-    return [seen[looked] for seen in shooting.all(lanes)]
-
-
 def residual(shooting: Shooting, seen: Array) -> Array:
     """Measured less predicted (R, M) in units of noise; no larger than the channel's range, for a model that flies
     apart is as wrong as one can be."""
     record = shooting.record
-    measured = record.measured[record.rows[np.concatenate(record.looked)]]
-    return np.asarray(np.clip(measured - seen, -(span := np.ptp(measured, axis=0)), span) / record.spread)
+    span = np.ptp(record.told, axis=0)
+    return np.asarray(np.clip(record.told - seen, -span, span) / record.spread)
 
 
 def torque_units(shooting: Shooting) -> Array:
@@ -149,7 +146,7 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
 
 def _differences(shooting: Shooting, point: Point, lanes: list[tuple[Lane, float]]) -> tuple[Array, Array]:
     """What the point predicts (R, M), and the columns of lanes with their steps."""
-    seen = predicted(shooting, [Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
+    seen = shooting.all([Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
     spread = shooting.record.spread
     columns = np.empty((len(lanes), seen[0].size))
     for c, (lane, (_, step)) in enumerate(zip(seen[1:], lanes, strict=True)):
@@ -200,20 +197,21 @@ def _torques(shooting: Shooting, point: Point) -> list[Lane]:
     """A step of torque in each part of the windows, at each motor and, in a flexible joint, each link."""
     arm, record = shooting.arm, shooting.record
     units, lanes, steps = torque_units(shooting), [], knots(shooting)
-    edges = [np.linspace(a, b, steps + 1).round().astype(int) for a, b in zip(record.starts, record.ends, strict=True)]
+    edges = np.linspace(record.starts, record.ends, steps + 1, axis=1).round().astype(int)
+    part = np.full(len(record.time), -1)  # which step each row is in
+    part[record.rows] = np.repeat(np.tile(np.arange(steps), len(edges)), np.diff(edges).reshape(-1))
     for j in range(1, arm.n + 1):
         for k in range(steps):
             torque = np.zeros((len(record.time), arm.n))
-            for edge in edges:
-                torque[edge[k] : edge[k + 1], j - 1] = units[j - 1]
+            torque[part == k, j - 1] = units[j - 1]
             lanes.append(Lane(point.p, point.begun, torque=torque))
+    elapsed = np.append(0.0, np.cumsum(record.steps))
     for j in arm.manifest["flexible"]:
         unit = units[j - 1] * abs(arm.parameters[f"ratio_{j}"])
-        for k in range(steps):
+        for first, end in zip(edges[:, :-1].T, edges[:, 1:].T, strict=True):
             impulse = np.zeros((len(record.time), arm.n))
-            for edge in edges:
-                rows = np.unique(np.linspace(edge[k], edge[k + 1], KICKS, endpoint=False).astype(int))
-                span = float(record.steps[edge[k] : edge[k + 1]].sum())
-                impulse[rows, j - 1] = unit * span / len(rows)
+            rows = np.linspace(first, end, KICKS, endpoint=False, axis=1).astype(int)
+            kicks = 1 + np.count_nonzero(np.diff(rows), axis=1)
+            impulse[rows, j - 1] = (unit * (elapsed[end] - elapsed[first]) / kicks)[:, None]
             lanes.append(Lane(point.p, point.begun, impulse=impulse))
     return lanes

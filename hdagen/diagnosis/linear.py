@@ -50,7 +50,7 @@ class Spectrum:
         A[:, range(m), range(m)] += RIDGE * (A[:, range(m), range(m)] + 1.0)
         L = np.asarray(np.linalg.cholesky(A), float)
         first = np.linalg.solve(L, products[:, :m, m:])
-        left = products[:, m:, m:] - first.swapaxes(1, 2) @ first
+        left = _less(products[:, m:, m:], first)
         power, turn = (np.asarray(part, float) for part in np.linalg.eigh(left[:, :k, :k]))
         return cls(L, first, turn, np.maximum(power, 0.0), turn.swapaxes(1, 2) @ left[:, :k, k:], left[:, k:, k:])
 
@@ -65,8 +65,16 @@ class Spectrum:
 
     def left(self, s: float) -> Array:
         """J'CJ (W, P, P) with torques of size ``s`` eliminated, too."""
-        half = self.told * np.sqrt(self.weights(s))[..., None]
-        return self.N - half.swapaxes(1, 2) @ half
+        return _less(self.N, self.told * np.sqrt(self.weights(s))[..., None])
+
+
+def _less(products: Array, of: Array) -> Array:
+    """``products`` (W, C, C) less ``of``'``of`` of each window (W, r, C): one after the other, as all of them at once
+    would fill fresh memory twice."""
+    left = np.empty(products.shape)
+    for out, whole, part in zip(left, products, of, strict=True):
+        np.subtract(whole, np.matmul(part.T, part, out=out), out=out)
+    return left
 
 
 @dataclass(frozen=True, eq=False)

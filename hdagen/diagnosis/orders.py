@@ -60,12 +60,11 @@ def _waves(shooting: Shooting, j: int) -> Array:
     ratio = arm.parameters[f"ratio_{j}"]
     name = f"motor_position_{j}"
     theta = record.log[name] if name in record.log else ratio * record.log[f"joint_position_{j}"]
-    turned = np.exp(1j * ORDERS[:, None] * theta)
-    sums = np.concatenate([np.zeros((len(ORDERS), 1)), np.cumsum(turned, axis=1)], axis=1)
     parts, steps = [], knots(shooting)
     for first, end in record.edges[record.kept]:
-        edge = np.linspace(first, end, steps + 1).round().astype(int)
-        parts.append((sums[:, edge[1:]] - sums[:, edge[:-1]]) / np.diff(edge))
+        edge = np.linspace(first, end, steps + 1).round().astype(int) - first
+        turned = np.exp(1j * ORDERS[:, None] * theta[first:end])
+        parts.append(np.add.reduceat(turned, edge[:-1], axis=1) / np.diff(edge))
     mean = np.concatenate(parts, axis=1)
     return np.stack([mean.real, mean.imag], 2)
 

@@ -1,10 +1,10 @@
 """A log as the fit sees it: inputs, measured channels with their noise, and windows that each begin anew.
 
-All windows are simulated, as some effects remember; of a long or dense log the fit looks at a share of them and of
-their rows, which bounds time and memory.
+Of a long or dense log the fit looks at a share of the windows and of their rows, which bounds time and memory; the
+others are simulated too where an effect remembers.
 
-Legend: T rows, R rows in windows, W windows, K windows that are looked at, M channels; m positions and velocities of
-the state.
+Legend: T rows, R rows in windows, W windows, K windows and S rows that are looked at, M channels; m positions and
+velocities of the state.
 """
 
 from __future__ import annotations
@@ -49,10 +49,14 @@ class Record:
     ends: Rows
     begun: Array
 
-    @property
+    @cached_property
     def rows(self) -> Rows:
         """The rows that lie in windows, window after window."""
-        return np.concatenate([np.arange(a, b) for a, b in zip(self.starts, self.ends, strict=True)])
+        return self.rows_of(np.arange(len(self.starts)))
+
+    def rows_of(self, windows: Rows) -> Rows:
+        """The rows of some windows, window after window."""
+        return np.concatenate([np.arange(self.starts[w], self.ends[w]) for w in windows])
 
     @cached_property
     def kept(self) -> Rows:
@@ -70,8 +74,13 @@ class Record:
         return [np.arange(begins[w], begins[w + 1], stride) for w in self.kept]
 
     @cached_property
+    def told(self) -> Array:
+        """What was measured in the rows that are looked at (S, M)."""
+        return self.measured[self.rows[np.concatenate(self.looked)]]
+
+    @cached_property
     def spread(self) -> Array:
-        """Standard deviation of each value that is looked at (rows of ``looked``, M): as often as a channel repeats a
+        """Standard deviation of each value that is looked at (S, M): as often as a channel repeats a
         value in a window, it tells it once."""
         told = []
         for rows in self.looked:

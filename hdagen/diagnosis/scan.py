@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.diagnosis.candidates import ORDER, SLAB, Atom, Dictionary
-from hdagen.diagnosis.design import Design, Point, chosen, predicted
+from hdagen.diagnosis.design import Design, Point, chosen
 from hdagen.diagnosis.evidence import Scored, settled
 from hdagen.diagnosis.shooting import Lane
 from hdagen.diagnosis.starts import shared
@@ -45,7 +45,7 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
         if atom.name not in meant
         for point in [*_displaced(at, words, k, atom), *(_parted(at, words, lead.atoms, k) if lead else [])]
     ]
-    seen = predicted(at.shooting, [Lane(point.p, point.begun) for _, point in tried])
+    seen = at.shooting.all([Lane(point.p, point.begun) for _, point in tried])
 
     def evidence(design: Design, atoms: tuple[int, ...]) -> float:
         linear, spike = design.linear(), base.words.spike

@@ -1,11 +1,14 @@
-"""Shooting: what the model predicts in every window, and how that changes with each parameter, first state and torque.
+"""Shooting: what the model predicts in the windows, and how that changes with each parameter, first state and torque.
 
-A lane is one simulation of all windows. Derivatives are differences of lanes: dry friction sticks exactly, so a
-difference over the size that matters is wanted, not a slope at a point. Lanes run side by side, as many as a vector of
-the library has, and such groups in threads; the compiled rollout lets go of the interpreter.
+A lane is one simulation. Derivatives are differences of lanes: dry friction sticks exactly, so a difference over the
+size that matters is wanted, not a slope at a point. Lanes run side by side, as many as a vector of the library has, and
+such groups in threads; the compiled rollout lets go of the interpreter.
 
-Legend: T rows, R rows in windows, W windows, M channels, L lanes that run at once, m positions and velocities of the
-state.
+A lane in which an effect is there that remembers goes through all windows, others through those alone that are looked
+at.
+
+Legend: T rows, W windows, K windows that are looked at, of R rows, S of them looked at, M channels, L lanes that run at
+once, m positions and velocities of the state.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 
@@ -23,11 +27,12 @@ from hdagen import late
 from hdagen.diagnosis.record import Record
 from hdagen.diagnosis.together import THREADS, together
 from hdagen.plant import Arm, Array
-from hdagen.readings import full_torsion, joint_angles, limits, mechanical, torque_per_input, unread
+from hdagen.readings import Rows, full_torsion, joint_angles, limits, mechanical, torque_per_input, unread
 
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
 MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
 FEW = 2  # lanes that are faster one by one than in a vector
+STAGES = 4  # whose outcome is kept
 PROMPT = {"motor_current", "motor_position", "joint_position"}  # what is read of positions and inputs alone
 
 
@@ -43,26 +48,56 @@ class Lane:
 
 
 @dataclass(frozen=True, eq=False)
+class Course:
+    """Windows that a lane goes through: ``rows`` of the record that it takes inputs from, ``edges`` of the windows in
+    them, ``size`` how many rows lie in windows, and which of those in windows that are looked at (``seen``); which of
+    the record's ``windows`` they are."""
+
+    rows: Rows | slice
+    edges: Rows
+    size: int
+    windows: Rows | slice
+    seen: Rows | slice
+
+    @classmethod
+    def whole(cls, record: Record) -> Course:
+        """All windows of a record."""
+        seen = np.searchsorted(record.rows, record.rows_of(record.kept))
+        return cls(slice(None), record.edges, len(record.rows), slice(None), seen)
+
+    @classmethod
+    def brief(cls, record: Record) -> Course:
+        """Those alone that are looked at."""
+        rows, ends = record.rows_of(record.kept), np.cumsum((record.ends - record.starts)[record.kept])
+        edges = np.stack([np.append(0, ends[:-1]), ends], 1)
+        return cls(rows, edges, len(rows), record.kept, slice(None))
+
+
+@dataclass(frozen=True, eq=False)
 class Seat:
-    """What one thread works with: an arm, and memory for L lanes. ``inputs`` (L, T, nu): what acts from each row to
-    the next; ``shown`` (L, T, n): what a current sensor reads in each row; ``constants`` (L, nc); states ``x``
-    (L, R, nx)."""
+    """What one thread works with: an arm, and memory for L lanes: ``inputs``, what acts from each row to the next,
+    ``constants`` (L, nc), and states."""
 
     arm: Arm
     inputs: Array
-    shown: Array
     constants: Array
-    x: Array
+    states: Array
 
     @classmethod
     def of(cls, arm: Arm, record: Record) -> Seat:
-        """With an arm of its own and new memory, in which the record's forces at the tip stand."""
-        rows, within = len(record.time), len(record.rows)
-        shapes = ((rows, arm.nu), (rows, arm.n), arm.c.shape, (within, arm.nx))
+        """With an arm of its own and new memory."""
+        shapes = ((len(record.time), arm.nu), arm.c.shape, (len(record.rows), arm.nx))
         lanes = min(arm.module.batch_width, max(1, MEMORY // (8 * sum(map(math.prod, shapes)))))
-        seat = cls(Arm(arm.folder), *(np.empty((lanes, *shape)) for shape in shapes))
-        seat.inputs[..., arm.n :] = record.command[:, arm.n :]
-        return seat
+        return cls(Arm(arm.folder), *(np.empty((lanes, *shape)) for shape in shapes))
+
+    def room(self, course: Course, lanes: int) -> tuple[Array, Array]:
+        """Memory for the inputs (L, rows, nu) and states (L, rows in windows, nx) of ``lanes`` on a course."""
+        inputs = (lanes, len(self.inputs[0][course.rows]), self.arm.nu)
+        states = (lanes, course.size, self.arm.nx)
+        return (
+            self.inputs.reshape(-1)[: math.prod(inputs)].reshape(inputs),
+            self.states.reshape(-1)[: math.prod(states)].reshape(states),
+        )
 
 
 @dataclass(eq=False)
@@ -75,31 +110,46 @@ class Shooting:
     seats: SimpleQueue[Seat] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.m = mechanical(self.arm)
-        self.rows, self.edges, self.steps = self.record.rows, self.record.edges, self.record.steps
-        whole = self.rows[-1] - self.rows[0] + 1 == len(self.rows)  # no row between windows
-        self.within = slice(self.rows[0], self.rows[-1] + 1) if whole else self.rows
-        self.command = np.ascontiguousarray(self.record.command[:, : self.arm.n])
+        record, self.m = self.record, mechanical(self.arm)
+        self.whole, self.brief = Course.whole(record), Course.brief(record)
+        self.steps = record.steps
+        self.rows, self.begins = record.rows_of(record.kept), self.brief.edges[:, 0]
+        self.looked = np.searchsorted(self.rows, record.rows[np.concatenate(record.looked)])
+        self.command = np.ascontiguousarray(record.command[:, : self.arm.n])
         self.seats = SimpleQueue()
         for _ in range(THREADS):
-            self.seats.put(seat := Seat.of(self.arm, self.record))
-        self.width = len(seat.x)
-        self.begins = np.concatenate([[0], np.cumsum(self.record.ends - self.record.starts)[:-1]])
-        self.path = late.Path(self.record.time[self.rows], self.begins)
+            self.seats.put(seat := Seat.of(self.arm, record))
+        self.width = len(seat.inputs)
+        self.path = late.Path(record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
         self.limit = limits(self.arm)
         self.gains = torque_per_input(self.arm)
         self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
+        self.acted: dict[bytes, tuple[Array, Array]] = {}
+        effects = self.arm.manifest["effects"]
+        self.staging = self._places(*(e for e in effects if e["place"] == "input"))
+        self.loudness = self._places(*(e | {"shapes": []} for e in effects if e["states"]))
+
+    def _places(self, *effects: dict[str, Any]) -> list[int]:
+        """The places in p of the parameters of ``effects``."""
+        keys = {
+            f"{key}_{j}" if j else key
+            for effect in effects
+            for j in effect["joints"]
+            for key in (*effect["amplitudes"], *effect["shapes"])
+        }
+        return [k for k, name in enumerate(self.arm.parameters.described) if name in keys]
 
     def predict(self, lane: Lane) -> Array:
-        """What the channels read (R, M) in one lane."""
+        """What the channels read (S, M) in one lane."""
         return self.all([lane])[0]
 
     def all(self, lanes: Sequence[Lane]) -> list[Array]:
-        """What the channels read (R, M) in each lane."""
-        alike: dict[tuple[float, bool], list[int]] = {}
+        """What the channels read (S, M) in each lane."""
+        alike: dict[tuple[float, bool, bool], list[int]] = {}
         for k, lane in enumerate(lanes):  # a lane takes its own step in whatever company
-            alike.setdefault((self._step(lane), lane.impulse is not None), []).append(k)
+            kind = self._step(lane), lane.impulse is not None, self._remembers(lane)
+            alike.setdefault(kind, []).append(k)
         groups = [group for same in alike.values() for group in self._split(same)]
         seen = together(lambda group: self._run([lanes[k] for k in group]), groups)
         found = {
@@ -115,6 +165,10 @@ class Shooting:
     def _step(self, lane: Lane) -> float:
         """The longest step of a lane, s."""
         return min(self.most, self.arm.damping.longest_step(lane.p))
+
+    def _remembers(self, lane: Lane) -> bool:
+        """Whether an effect that remembers is there."""
+        return bool(lane.p[self.loudness].any())
 
     def states(self, lane: Lane) -> Array:
         """The states (R, nx) of one lane."""
@@ -148,40 +202,60 @@ class Shooting:
             self.seats.put(seat)
 
     def _run(self, lanes: Sequence[Lane]) -> list[Array]:
-        """What the channels read (R, M) in each of the lanes of a group."""
+        """What the channels read (S, M) in each of the lanes of a group."""
         with self._seat() as seat:
-            x = self._states(seat, lanes)
-            return [self._read(seat, k, lane, x[k]) for k, lane in enumerate(lanes)]
+            return [self._read(seat, lane, x) for lane, x in zip(lanes, self._states(seat, lanes), strict=True)]
 
-    def _states(self, seat: Seat, lanes: Sequence[Lane]) -> Array:
-        """The states (L, R, nx), the effects' own carried from window to window."""
+    def _states(self, seat: Seat, lanes: Sequence[Lane]) -> list[Array]:
+        """The states (R, nx) of each lane."""
         jump, many = None, len(lanes)
+        course = self.whole if self._remembers(lanes[0]) else self.brief
+        inputs, states = seat.room(course, many)
+        steps = self.steps[course.rows]
         for k, lane in enumerate(lanes):
-            self._inputs(seat, k, lane)
+            seat.arm._prepare(lane.p)
+            seat.constants[k] = seat.arm.c
+            self._drive(seat, lane, course.rows, inputs[k])
             if lane.impulse is not None:
-                jump = np.zeros((many, len(self.steps), seat.arm.nx)) if jump is None else jump
-                jump[k][:, self.speeds] = np.einsum("tij,tj->ti", self.mobility, lane.impulse)
-        begun, c, x = np.stack([lane.begun for lane in lanes]), seat.constants[:many], seat.x[:many]
+                jump = np.zeros((many, len(steps), seat.arm.nx)) if jump is None else jump
+                impulse, mobility = lane.impulse[course.rows], self.mobility[course.rows]
+                jump[k][:, self.speeds] = np.einsum("tij,tj->ti", mobility, impulse)
+        begun, c = np.stack([lane.begun[course.windows] for lane in lanes]), seat.constants[:many]
         step = self._step(lanes[0])  # that of all of them
-        return seat.arm.windows(begun, self.edges, seat.inputs[:many], self.steps, step, self.limit, jump, c, x)
+        x = seat.arm.windows(begun, course.edges, inputs, steps, step, self.limit, jump, c, states)
+        return [one[course.seen] for one in x]
 
-    def _inputs(self, seat: Seat, k: int, lane: Lane) -> None:
-        """Lane k's inputs and constants."""
-        arm, n = seat.arm, seat.arm.n
-        arm._prepare(lane.p)
-        seat.constants[k] = arm.c
-        acting, seat.shown[k] = arm.acting(self.command, self.steps, self.record.before)
-        seat.inputs[k, :, :n] = acting if lane.torque is None else acting + lane.torque / self.gains
+    def _acted(self, seat: Seat, p: Array) -> tuple[Array, Array]:
+        """What commands make act, and what each row shows of it (T, n each), under the parameters ``p`` (np), at which
+        the seat's arm stands; the last few are kept."""
+        key = p[self.staging].tobytes()
+        found = self.acted.get(key)  # threads share it
+        if found is None:
+            found = seat.arm.acting(self.command, self.steps, self.record.before)
+            if len(self.acted) >= STAGES:
+                self.acted.clear()
+            self.acted[key] = found
+        return found
 
-    def _read(self, seat: Seat, k: int, lane: Lane, x: Array) -> Array:
-        """What the channels read (R, M) in lane k, which is in the states ``x`` (R, nx)."""
+    def _drive(self, seat: Seat, lane: Lane, rows: Rows | slice, inputs: Array) -> None:
+        """What acts in a lane at which the seat's arm stands, into ``inputs`` (rows, nu)."""
+        n = seat.arm.n
+        inputs[:, n:] = self.record.command[rows, n:]
+        inputs[:, :n] = self._acted(seat, lane.p)[0][rows]
+        if lane.torque is not None:
+            inputs[:, :n] += lane.torque[rows] / self.gains
+
+    def _read(self, seat: Seat, lane: Lane, x: Array) -> Array:
+        """What the channels read (S, M) in a lane that is in the states ``x`` (R, nx)."""
         seat.arm._prepare(lane.p)
         if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
             seen = late.positions(seat.arm, self.path, x)
         else:
-            seen = late.read(seat.arm, self.path.time, x, seat.inputs[k][self.within], self.begins)
-        seen["motor_current"] = seat.shown[k][self.within]
-        return np.stack([seen[quantity][:, j - 1] for quantity, j in self.record.outputs], 1)
+            inputs = np.empty((len(x), seat.arm.nu))
+            self._drive(seat, lane, self.rows, inputs)
+            seen = late.read(seat.arm, self.path.time, x, inputs, self.begins)
+        seen["motor_current"] = self._acted(seat, lane.p)[1][self.rows]
+        return np.stack([seen[quantity][self.looked, j - 1] for quantity, j in self.record.outputs], 1)
 
     @cached_property
     def mobility(self) -> Array:
