@@ -11,7 +11,7 @@ import numpy as np
 from hdagen.diagnosis.candidates import Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
-from hdagen.diagnosis.fitting import Fitted, advanced, again, begun, instead, lessened
+from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, begun, instead, lessened
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
@@ -31,7 +31,7 @@ TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is 
 MUCH = 0.1  # of the log evidence that none lacks
 HOPELESS = 20.0  # temperatures behind the leader
 CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, within which nothing is decided yet; how many such
-STEPS, ENOUGH = 8, 0.1  # that each of them goes on at most, and temperatures of log evidence that one must bring
+STEPS = 8  # that each of them goes on at most
 CLEAN = 0.05, 1.02  # unexplained torque and noise scale below which no large effect is left to be found
 
 
