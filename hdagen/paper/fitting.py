@@ -51,9 +51,10 @@ def turned(
     changes: Mapping[str, float],
     turns: float = 1.0,
     fine: bool = False,
+    repeat: int = 0,
 ) -> Driven:
     """Joint j turned by a constant motor torque, ``above`` running friction, from one end of
-    ``turns`` to the other."""
+    ``turns`` to the other; each ``repeat`` has noise of its own."""
     arm = bench.arm(changes=changes)
     torque = arm.parameters[f"coulomb_friction_{j}"] + above
     seconds = 1.5 + 3.2 * turns
@@ -62,7 +63,8 @@ def turned(
     current[:, j - 1] = begun * direction * torque / arm.parameters[f"torque_constant_{j}"]
     q = np.zeros(2)
     q[j - 1] = INSIDE if direction > 0 else 2 * np.pi * turns - INSIDE
-    seed = 1000 * j + round(1e4 * above) + (500 if direction > 0 else 0)  # no two logs have the same noise
+    # no two logs have the same noise
+    seed = 10_000 * repeat + 1000 * j + round(1e4 * above) + (500 if direction > 0 else 0)
     return driven(arm, current, np.zeros((len(current), 2)), q, fine_sensors() if fine else None, seed)
 
 

@@ -99,18 +99,20 @@ class Measured:
     fit: Fit
 
 
-def measured(bench: Bench, j: int, fine: bool) -> Measured:
-    """The published set of joint j put in, and recovered from six logs."""
+def measured(bench: Bench, j: int, fine: bool, repeat: int = 0) -> Measured:
+    """The published set of joint j put in, and recovered from six logs; each ``repeat`` has noise of its own."""
 
     def make() -> Measured:
         changes = torsion_of(j, SETS[j])
         logs = {
-            (above, way): turned(bench, j, above, way, changes, fine=fine).log for above in ABOVE for way in (1, -1)
+            (above, way): turned(bench, j, above, way, changes, fine=fine, repeat=repeat).log
+            for above in ABOVE
+            for way in (1, -1)
         }
         found = fit([(log, way, above) for (above, way), log in logs.items()], j, 100.0)
         return Measured(j, logs, found)
 
-    return bench.once(("fig14", j, fine), make)
+    return bench.once(("fig14", j, fine, repeat), make)
 
 
 def curve(coefficients: Sequence[float] | Array, s: Array) -> Array:
