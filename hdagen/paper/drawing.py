@@ -62,7 +62,7 @@ def drawn(result: Result) -> tuple[bytes, bytes]:
             cell = wide / len(row) if len(row) == 1 else wide / columns
             legend = max(_legend(part) for part in row)
             for at, part in enumerate(row):
-                _draw(_placed(figure, part, (at * cell, top - height, cell, height - legend)), part, wide, legend)
+                _draw(_placed(figure, part, (at * cell, top - height, cell, height - legend)), part, wide)
             top -= height
         svg, png = io.BytesIO(), io.BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": "hdagen"})
@@ -119,17 +119,16 @@ def _columns(labels: Sequence[str]) -> tuple[int, int]:
     return columns, -(-len(labels) // columns)
 
 
-def _draw(plot: Plot, part: Part, wide: float, legend: float) -> None:
-    """``legend``: inches that the legends of the row take."""
+def _draw(plot: Plot, part: Part, wide: float) -> None:
     if isinstance(part, Grid):
         _grid(plot, part, wide)
     elif isinstance(part, Map):
         _map(plot, part)
     else:
-        _axes(plot, part, legend)
+        _axes(plot, part)
 
 
-def _axes(plot: Plot, part: Axes, legend: float) -> None:
+def _axes(plot: Plot, part: Axes) -> None:
     columns = [[np.asarray(getattr(curve, side), float) for curve in part.curves] for side in "xy"]
     if part.equal:  # in one unit
         columns = [[*columns[0], *columns[1]]] * 2
@@ -152,7 +151,7 @@ def _axes(plot: Plot, part: Axes, legend: float) -> None:
         _decades(plot.yaxis, (1.0, 2.0, 5.0))
     plot.set_xlabel(across.label)
     plot.set_ylabel(up.label)
-    _headed(plot, part.heading, legend)
+    _headed(plot, part.heading)
 
 
 def _bands(plot: Plot, part: Axes, across: Quantity) -> None:
@@ -174,9 +173,8 @@ def _decades(axis: Axis, digits: tuple[float, ...]) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _headed(plot: Plot, heading: str, legend: float) -> None:
-    """The heading, in line with those of the row, and below it, outside the axes, the legend in as many columns as fit:
-    nothing covers a curve."""
+def _headed(plot: Plot, heading: str) -> None:
+    """The heading, and below it, outside the axes, the legend in as many columns as fit: nothing covers a curve."""
     handles, labels = plot.get_legend_handles_labels()
     columns, rows = _columns(labels)
     if rows:
@@ -184,7 +182,7 @@ def _headed(plot: Plot, heading: str, legend: float) -> None:
             handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, frameon=False,
             borderpad=0.1, borderaxespad=0.2, handlelength=2.2, columnspacing=1.2, labelspacing=0.25,
         )  # fmt: skip
-    _titled(plot, heading, 4 + 72 * legend)
+    _titled(plot, heading, 4 + 11.5 * rows)
 
 
 def _titled(plot: Plot, heading: str, pad: float = 6.0) -> None:

@@ -189,7 +189,7 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
     }
     goes = {letter: powers(sweep, sweep.arm, letter, "settling") for letter in "MBK"}
     flat = held(goes["K"], lambda power: abs(power) < FLAT)
-    heading = "where each claim holds: share of neighbouring sets that keep it"
+    heading = "where claims hold: share of neighbours that keep each"
     parts: list[Part] = [
         *_planes(sweep),
         Axes(heading, RATIO, "share (1)", curves, log_x=True),
