@@ -74,7 +74,7 @@ def vector_operation(kind: str) -> Operation:
     call."""
     called = {
         ca.OP_SIGN, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FLOOR, ca.OP_EXP, ca.OP_SIN, ca.OP_COS, ca.OP_TAN,
-        ca.OP_TANH,
+        ca.OP_ATAN, ca.OP_TANH,
     }  # fmt: skip
 
     def operation(op: int, name: str, a: str, b: str) -> str:

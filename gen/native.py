@@ -2,7 +2,7 @@
 and the batch over trajectories.
 
 Not bit for bit the interpreter's: products and sums are contracted, divisions become products with reciprocals, sine,
-cosine, exp and tanh are polynomials. The tests hold it to 1e-12 of each column.
+cosine, exp, atan and tanh are polynomials. The tests hold it to 1e-12 of each column.
 """
 
 from __future__ import annotations

@@ -9,7 +9,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-WAIT = (("_tanh(", 60), ("_tan(", 65), ("_exp(", 45), ("_sin(", 45), ("_cos(", 45), ("1.0 / ", 18))  # cycles, about
+WAIT = (  # cycles, about
+    ("_tanh(", 60), ("_tan(", 65), ("_atan(", 65), ("_exp(", 45), ("_sin(", 45), ("_cos(", 45), ("1.0 / ", 18),
+)  # fmt: skip
 SIMPLE = 4
 MADE = re.compile(r"^(?:const )?\w+ (\w+)(?: = |;)")
 STORED = re.compile(r"^([^ ]+) = ")

@@ -237,7 +237,9 @@ def test_lane_by_lane_operations_equal_the_scalar_ones(tmp_path: Path) -> None:
     """What `hda_vector.h` has no form for: the same text over four lanes, compiled, against the scalar operations."""
     lines, count = [], 0
     forms = [*UNARY, ca.OP_NOT]
-    skipped = {ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_EXP, ca.OP_TANH, ca.OP_FABS, ca.OP_FLOOR}  # have a vector form
+    skipped = {  # have a vector form
+        ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_ATAN, ca.OP_EXP, ca.OP_TANH, ca.OP_FABS, ca.OP_FLOOR,
+    }  # fmt: skip
     for op in (op for op in forms if op not in skipped):
         lines += [vector_operation("v4")(op, f"t{count}", "a", ""), f"*(v4 *)(out + {4 * count}) = t{count};"]
         count += 1
@@ -258,6 +260,22 @@ def test_lane_by_lane_operations_equal_the_scalar_ones(tmp_path: Path) -> None:
         library.lanes(x.ctypes.data_as(pointer), lanes.ctypes.data_as(pointer))
         library.scalars(x.ctypes.data_as(pointer), scalars.ctypes.data_as(pointer))
         assert (bits(lanes) == bits(scalars)).all()
+
+
+def test_the_arc_tangent_of_lanes_is_the_library_s_to_a_few_last_places(tmp_path: Path) -> None:
+    header = ROOT / "gen" / "templates" / "hda_vector.h"
+    text = f'#include <math.h>\n#define HDA_W 4\n#define HDA_V v4\n#include "{header}"\n'
+    text += "void over(const double *x, double *out, int count) { for (int k = 0; k < count; k += 4) {"
+    text += "v4 a = *(const v4_loose *)(x + k), r; v4_atan(&a, &r); *(v4_loose *)(out + k) = r; } }\n"
+    library = compiled_with(tmp_path, text, ("-Wall", "-Wextra", "-Werror"))
+    sides = np.concatenate([np.geomspace(1e-310, 1e300, 2001), np.linspace(0.3, 3.0, 2001), np.abs(SPECIAL)])
+    x = np.concatenate([sides, -sides, np.zeros(-2 * len(sides) % 4)])
+    found, pointer = np.empty_like(x), ctypes.POINTER(ctypes.c_double)
+    library.over(x.ctypes.data_as(pointer), found.ctypes.data_as(pointer), len(x))
+    expected = np.arctan(x)
+    number_of = ~np.isnan(x)
+    assert (np.isnan(found) == np.isnan(x)).all() and (np.signbit(found) == np.signbit(expected))[number_of].all()
+    assert (np.abs(found - expected) <= 4 * np.spacing(np.abs(expected)))[number_of].all()
 
 
 @pytest.mark.parametrize("operation", [scalar_operation, vector_operation("v4")], ids=["scalar", "vector"])

@@ -27,14 +27,21 @@ def standard_error(found: Fit, s: np.ndarray) -> np.ndarray:
 def test_the_published_coefficients_come_back(bench: Bench, j: int, fine: bool) -> None:
     """Each within three standard errors, all six together likely; the errors are not just wide."""
     found = measured(bench, j, fine).fit
-    off = (found.coefficients - np.asarray(SETS[j])) / found.errors
-    assert np.abs(off).max() < 3 and found.distance(SETS[j]) < CHI_SQUARE_999
+    assert np.abs(found.off_by(SETS[j])).max() < 3 and found.distance(SETS[j]) < CHI_SQUARE_999
     s = np.linspace(0, 1, 101)
     sure = standard_error(found, s)
     assert (np.abs(curve(found.coefficients, s) - curve(SETS[j], s)) < 3.5 * sure).all()
     assert sure.max() < (2e-6 if fine else 6e-5), "two µrad of 3.5 mrad, with 16 µrad of noise and counting in a row"
     wrong = np.asarray(SETS[j]) * [1, 1, 1.3, 1, 1, 1]
     assert not fine or found.distance(wrong) > 10 * CHI_SQUARE_999, "another set is told apart"
+
+
+def test_standard_errors_are_what_other_noise_gives(bench: Bench) -> None:
+    """Two coefficients of three lie within one, as they should, and all six together where chance has them."""
+    fits = [measured(bench, 1, True, repeat).fit for repeat in range(12)]
+    off = np.abs([found.off_by(A) for found in fits])
+    assert 0.5 < (off < 1).mean() < 0.85 and (off < 2).mean() > 0.85
+    assert 3.0 < np.mean([found.distance(A) for found in fits]) < 9.0, "six, and one of standard error"
 
 
 def test_of_no_torsion_none_is_found(bench: Bench) -> None:

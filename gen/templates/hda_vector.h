@@ -1,8 +1,8 @@
 /* Vectors of HDA_W doubles and the elementary functions over them; included once for each width, with HDA_W and HDA_V defined.
  *
  * Legend: n multiple of the period, r reduced argument. Sources: reduction by parts (Cody, Waite, Software Manual for the
- * Elementary Functions, 1980), polynomials through Chebyshev's points of the reduced interval. exp, sin, cos, tan err by a few
- * units in the last place, tanh by 3e-16 absolute. Functions take pointers and are inlined: no vector crosses a call.
+ * Elementary Functions, 1980), polynomials through Chebyshev's points of the reduced interval. exp, sin, cos, tan, atan err by a
+ * few units in the last place, tanh by 3e-16 absolute. Functions take pointers and are inlined: no vector crosses a call.
  */
 #if defined(__SSE2__)
 #include <immintrin.h>
@@ -114,6 +114,22 @@ HDA_FUNCTION(tan)(const HDA_V *a, HDA_V *r) {
     HDA_V s, c;
     HDA_GLUE(HDA_V, _sincos)(a, &s, &c);
     *r = s / c;
+}
+
+/* Above tan π/8 atan t = π/4 + atan((t − 1)/(t + 1)), above tan 3π/8 π/2 − atan 1/t. */
+HDA_FUNCTION(atan)(const HDA_V *a, HDA_V *r) {
+    HDA_V size;
+    HDA_GLUE(HDA_V, _fabs)(a, &size);
+    const HDA_I middle = size > 0.41421356237309503, far = size > 2.414213562373095;
+    const HDA_V above = HDA_PICK(far, -1.0 - HDA_ZERO, HDA_PICK(middle, size - 1.0, size));
+    const HDA_V below = HDA_PICK(far, size, HDA_PICK(middle, size + 1.0, 1.0 - HDA_ZERO));
+    const HDA_V base = HDA_PICK(far, 1.5707963267948966 - HDA_ZERO, HDA_PICK(middle, 0.7853981633974483 - HDA_ZERO, HDA_ZERO));
+    const HDA_V t = above / below, z = t * t, z2 = z * z, z4 = z2 * z2;
+    const HDA_V low = (-0.3333333333333333 + z * 0.1999999999999552) + z2 * (-0.14285714284666542 + z * 0.11111111015256361);
+    const HDA_V mid = (-0.09090904578123903 + z * 0.07692183190826087) + z2 * (-0.06664511447381948 + z * 0.0585814891280221);
+    const HDA_V top = (-0.0508544973794026 + z * 0.03923165829558719) + z2 * -0.01917688711906226;
+    const HDA_V value = base + (t + t * z * (low + z4 * (mid + z4 * top)));
+    *r = (HDA_V)(HDA_BITS(value) | (HDA_BITS(*a) & HDA_BITS(-HDA_ZERO)));
 }
 
 HDA_FUNCTION(tanh)(const HDA_V *a, HDA_V *r) {

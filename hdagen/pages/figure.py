@@ -5,9 +5,19 @@ readable without its script; with it, it reads out values under the cursor, zoom
 can be saved as SVG, and its numbers as CSV in base units.
 """
 
+from collections.abc import Sequence
+
 from hdagen.pages.bars import Bars, bars
 from hdagen.pages.curves import Curve, Panel, Plane, Series, lines, panels, planes, xy
 from hdagen.pages.heat import heat
+from hdagen.pages.markup import tag
 from hdagen.pages.table import table
 
-__all__ = ["Bars", "Curve", "Panel", "Plane", "Series", "bars", "heat", "lines", "panels", "planes", "table", "xy"]
+__all__ = [
+    "Bars", "Curve", "Panel", "Plane", "Series", "abreast", "bars", "heat", "lines", "panels", "planes", "table", "xy",
+]  # fmt: skip
+
+
+def abreast(figures: Sequence[str]) -> str:
+    """``figures`` beside each other, as many in a row as there is room for."""
+    return tag("div", *figures, class_="abreast")

@@ -119,16 +119,16 @@ def _drawing(
     width = layout.width - left - key
     height = min(30.0 * len(up), 360.0) if isinstance(up, list) else (300.0 if layout is WIDE else 220.0)
     top = 2.2 * font
+    name = shortened(axes[1].quantity.label, 0.45 * width, font)
+    beside_it = width + key - 1.15 * text_width(name, font) - font  # strong letters are wider
     x = (np.arange(len(across) + 1.0) if isinstance(across, list) else across).astype(np.float64)
     y = (np.arange(len(up) + 1.0) if isinstance(up, list) else up).astype(np.float64)
     px = axes[0].place(x, width)
     py = axes[1].place(y, height) if isinstance(up, list) else height - axes[1].place(y, height)
     body = tag(
         "g",
-        letters(0.0, -0.8 * font, shortened(axes[1].quantity.label, 0.45 * width, font), strong=True),
-        letters(
-            width + key, -0.8 * font, shortened(scale.quantity.label, 0.45 * width, font), anchor="end", strong=True
-        ),
+        letters(0.0, -0.8 * font, name, strong=True),
+        letters(width + key, -0.8 * font, shortened(scale.quantity.label, beside_it, font), anchor="end", strong=True),
         *_patches(px, py, shades, stops),
         *(_numerals(px, py, cells, shades, scale, stops, font) if cells.size <= WRITTEN else ()),
         *_tick_texts(layout, axes, across, up, px, py, width, height),

@@ -6,7 +6,6 @@ import importlib.util
 import io
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +14,9 @@ from hdagen.pages.axis import fit
 from hdagen.pages.frame import text_width
 from hdagen.pages.palette import COLORS, CYCLE, DASH_CYCLE, DASHES, SEQUENTIAL
 from hdagen.pages.quantity import Quantity, number
+from hdagen.pages.thin import extremes
 from hdagen.paper.result import Axes, Curve, Grid, Map, Part, Result
-from hdagen.plant import PlantError
+from hdagen.plant import Array, PlantError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot
@@ -27,7 +27,7 @@ WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a part al
 LEFT, BOTTOM, TOP, EDGE, BAR = 0.68, 0.46, 0.28, 0.15, 0.86  # inches around axes; beside a map, its scale of colours
 LEGEND, LEGEND_ROOM, LEGEND_ROW = 7.5, 262.0, 0.16  # points: its letters, how wide it may be; inches: a row of it
 NARROW = 400.0  # from the least to the largest of a logarithmic axis, so that it has room for 1, 2, 5
-MOST = 4000  # samples of a curve; each stretch keeps its smallest and its largest
+MOST = 1000  # stretches of a curve, of each its smallest and its largest are drawn: more than a printed figure has dots
 STYLE: Any = {
     "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": LEGEND,
     "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.35, "grid.linewidth": 0.5,
@@ -182,7 +182,12 @@ def _headed(plot: Plot, heading: str) -> None:
             handles, labels, loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=columns, frameon=False,
             borderpad=0.1, borderaxespad=0.2, handlelength=2.2, columnspacing=1.2, labelspacing=0.25,
         )  # fmt: skip
-    plot.set_title(heading, loc="left", fontweight="bold", pad=4 + 11.5 * rows)
+    _titled(plot, heading, 4 + 11.5 * rows)
+
+
+def _titled(plot: Plot, heading: str, pad: float = 6.0) -> None:
+    """The heading ``pad`` points above the axes, where matplotlib need not look for room."""
+    plot.set_title(heading, loc="left", fontweight="bold", y=1.0, pad=pad)
 
 
 def _curve(plot: Plot, curve: Curve, at: int, across: Quantity, up: Quantity) -> None:
@@ -200,19 +205,18 @@ def _curve(plot: Plot, curve: Curve, at: int, across: Quantity, up: Quantity) ->
     )  # fmt: skip
 
 
-def _thinned(x: Any, y: Any) -> tuple[Any, Any]:
-    """At most MOST samples: of every stretch the smallest and the largest."""
-    if len(x) <= MOST:
+def _thinned(x: Array, y: Array) -> tuple[Array, Array]:
+    """What is drawn of a curve: all of a short one, of a long one the extremes of MOST stretches."""
+    if len(x) <= 2 * MOST:
         return x, y
-    ends = np.linspace(0, len(x), MOST // 2 + 1).astype(int)
-    rows = [k for a, b in pairwise(ends) for k in sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})]
+    rows = extremes(np.arange(len(x), dtype=float), [y], MOST)
     return x[rows], y[rows]
 
 
 def _map(plot: Plot, part: Map) -> None:
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
-    from matplotlib.ticker import NullFormatter
+    from matplotlib.ticker import NullLocator
 
     values = np.asarray(part.values, float)
     unit = fit(part.value_label, [values], margin=0.0).quantity
@@ -226,7 +230,7 @@ def _map(plot: Plot, part: Map) -> None:
     plot.grid(visible=False)
     plot.set_xscale("log" if part.log_x else "linear")
     plot.set_yscale("log" if part.log_y else "linear")
-    plot.set_title(part.heading, loc="left", fontweight="bold")
+    _titled(plot, part.heading)
     for label, edges, log, axis in (
         (part.x_label, part.x, part.log_x, plot.xaxis),
         (part.y_label, part.y, part.log_y, plot.yaxis),
@@ -234,7 +238,7 @@ def _map(plot: Plot, part: Map) -> None:
         found = fit(label, [np.asarray(edges, float)], log=log, margin=0.0)
         inside = [(value, text) for value, text in found.ticks(6) if found.low <= value <= found.high]
         axis.set_ticks([value for value, _ in inside], [text for _, text in inside])
-        axis.set_minor_formatter(NullFormatter())
+        axis.set_minor_locator(NullLocator())
         axis.set_label_text(label)
 
 
@@ -243,7 +247,7 @@ def _grid(plot: Plot, part: Grid, wide: float) -> None:
     plot.axis("off")
     plot.set_xlim(0, 1)
     plot.set_ylim(len(part.rows) + 1.0, 0)
-    plot.set_title(part.heading, loc="left", fontweight="bold")
+    _titled(plot, part.heading)
     words = [
         [str(name) for name in part.columns],
         *([_written(cell, part.digits) for cell in row] for row in part.rows),

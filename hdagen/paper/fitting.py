@@ -20,7 +20,6 @@ ORDER = 5
 SMOOTH = 101  # rows of the parabola that gives the acceleration
 INSIDE = 0.02  # rad from the ends of the turn, where the published torsion jumps, to where a motion begins
 RISE = 0.05  # s in which the torque is brought up
-LAGS = 200  # rows over which residuals are taken to hang together
 
 
 @dataclass(frozen=True)
@@ -37,6 +36,10 @@ class Fit:
         """Standard errors."""
         return np.sqrt(np.diag(self.covariance))
 
+    def off_by(self, published: Sequence[float]) -> Array:
+        """How far each coefficient is from the published one, in standard errors (6)."""
+        return (self.coefficients - np.asarray(published)) / self.errors
+
     def distance(self, published: Sequence[float]) -> float:
         """Squared distance of the published set in standard errors, all six together (chi-square with 6 degrees)."""
         off = self.coefficients - np.asarray(published)
@@ -51,9 +54,10 @@ def turned(
     changes: Mapping[str, float],
     turns: float = 1.0,
     fine: bool = False,
+    repeat: int = 0,
 ) -> Driven:
     """Joint j turned by a constant motor torque, ``above`` running friction, from one end of
-    ``turns`` to the other."""
+    ``turns`` to the other; each ``repeat`` has noise of its own."""
     arm = bench.arm(changes=changes)
     torque = arm.parameters[f"coulomb_friction_{j}"] + above
     seconds = 1.5 + 3.2 * turns
@@ -62,7 +66,8 @@ def turned(
     current[:, j - 1] = begun * direction * torque / arm.parameters[f"torque_constant_{j}"]
     q = np.zeros(2)
     q[j - 1] = INSIDE if direction > 0 else 2 * np.pi * turns - INSIDE
-    seed = 1000 * j + round(1e4 * above) + (500 if direction > 0 else 0)  # no two logs have the same noise
+    # no two logs have the same noise
+    seed = 10_000 * repeat + 1000 * j + round(1e4 * above) + (500 if direction > 0 else 0)
     return driven(arm, current, np.zeros((len(current), 2)), q, fine_sensors() if fine else None, seed)
 
 
@@ -97,21 +102,7 @@ def fit(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: flo
     found = np.linalg.lstsq(X / scale, y, rcond=None)[0]
     residual = y - (X / scale) @ found
     inverse = np.linalg.inv((X / scale).T @ (X / scale))
-    meat = _together(blocks, residual, scale)
-    covariance = (inverse @ meat @ inverse / np.outer(scale, scale))[: ORDER + 1, : ORDER + 1]
+    score = X / scale * residual[:, None]  # White: noise differs along the turn, and from row to row it is new
+    covariance = (inverse @ (score.T @ score) @ inverse / np.outer(scale, scale))[: ORDER + 1, : ORDER + 1]
     rest = float(np.sqrt(np.mean(residual**2)))
     return Fit((found / scale)[: ORDER + 1], covariance, rest, residual)
-
-
-def _together(blocks: Sequence[Array], residual: Array, scale: Array) -> Array:
-    """Newey and West's middle of the covariance: residuals of neighbouring rows hang together, those of two logs do
-    not."""
-    total, begin = np.zeros((len(scale), len(scale))), 0
-    for block in blocks:
-        score = block / scale * residual[begin : begin + len(block), None]
-        begin += len(block)
-        total += score.T @ score
-        for lag in range(1, min(LAGS, len(block) - 1)):
-            cross = score[lag:].T @ score[:-lag]
-            total += (1 - lag / LAGS) * (cross + cross.T)
-    return total

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from importlib import resources
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -29,23 +30,27 @@ def interactive(result: Result) -> list[str]:
         part = parts[k]
         if isinstance(part, Grid):
             out.append(figure.table(part.heading, part.columns, part.rows, digits=part.digits, sentences=_wordy(part)))
+            k += 1
         elif isinstance(part, Map):
-            out.append(
-                figure.heat(
-                    part.heading, part.x, part.y, part.values, x_label=part.x_label, y_label=part.y_label,
-                    value_label=part.value_label, log_x=part.log_x, log_y=part.log_y,
-                )
-            )  # fmt: skip
+            maps = [one for one in takewhile(lambda one: isinstance(one, Map), parts[k:]) if isinstance(one, Map)]
+            out.append(figure.abreast([_heat(one) for one in maps]))
+            k += len(maps)
         else:
             group = [part]
-            while k + 1 < len(parts) and _alike(part, parts[k + 1]):
-                k += 1
-                following = parts[k]
+            while k + len(group) < len(parts) and _alike(part, parts[k + len(group)]):
+                following = parts[k + len(group)]
                 assert isinstance(following, Axes)
                 group.append(following)
             out.append(_planes(result, group))
-        k += 1
+            k += len(group)
     return out
+
+
+def _heat(part: Map) -> str:
+    return figure.heat(
+        part.heading, part.x, part.y, part.values, x_label=part.x_label, y_label=part.y_label,
+        value_label=part.value_label, log_x=part.log_x, log_y=part.log_y,
+    )  # fmt: skip
 
 
 def _wordy(part: Grid) -> list[str]:

@@ -95,9 +95,10 @@ class Bench:
             for name, value in changes.items():
                 file.put(file.place(name), value)
             file.settle(arm)
-            return _with_sensors(file.text(), sensors or Sensors())
+            return file.text()
 
-        return self.once(("robot file", robot, tuple(sorted(changes.items())), sensors), make)
+        text = self.once(("robot file", robot, tuple(sorted(changes.items()))), make)
+        return _with_sensors(text, sensors or Sensors())
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
         """What ``make`` gives, made at its first use."""

@@ -152,10 +152,11 @@ def _table(runs: Mapping[tuple[str, str, str], Felt]) -> Grid:
     for (law, sensors, source), one in runs.items():
         largest, _, spread = 1e3 * one.run.errors((0, 2))
         stopped = f"{one.run.lost:.2f}" if one.run.lost is not None else "–"
-        given = [f"{law}, {source}", sensors, *largest, *spread, *(1e3 * one.yielded), *one.force_error, stopped]
+        counts = "4096" if sensors == FINE else "42"
+        given = [f"{law}, {source}", counts, *largest, *spread, *(1e3 * one.yielded), *one.force_error, stopped]
         rows.append(given)
     columns = (
-        "F_e from", "encoders", "max x (mm)", "max y (mm)", "std x (mm)", "std y (mm)", "pushed x (mm)",
+        "F_e from", "counts", "max x (mm)", "max y (mm)", "std x (mm)", "std y (mm)", "pushed x (mm)",
         "pushed y (mm)", "F_e error x (N)", "F_e error y (N)", "stopped (s)",
     )  # fmt: skip
     return Grid(

@@ -99,18 +99,20 @@ class Measured:
     fit: Fit
 
 
-def measured(bench: Bench, j: int, fine: bool) -> Measured:
-    """The published set of joint j put in, and recovered from six logs."""
+def measured(bench: Bench, j: int, fine: bool, repeat: int = 0) -> Measured:
+    """The published set of joint j put in, and recovered from six logs; each ``repeat`` has noise of its own."""
 
     def make() -> Measured:
         changes = torsion_of(j, SETS[j])
         logs = {
-            (above, way): turned(bench, j, above, way, changes, fine=fine).log for above in ABOVE for way in (1, -1)
+            (above, way): turned(bench, j, above, way, changes, fine=fine, repeat=repeat).log
+            for above in ABOVE
+            for way in (1, -1)
         }
         found = fit([(log, way, above) for (above, way), log in logs.items()], j, 100.0)
         return Measured(j, logs, found)
 
-    return bench.once(("fig14", j, fine), make)
+    return bench.once(("fig14", j, fine, repeat), make)
 
 
 def curve(coefficients: Sequence[float] | Array, s: Array) -> Array:
@@ -226,7 +228,9 @@ def _numbers(every: Mapping[tuple[int, bool], Measured]) -> dict[str, object]:
             "coefficients": one.fit.coefficients,
             "standard_errors": one.fit.errors,
             "chi_square_6": one.fit.distance(SETS[j]),
-            "off_by": (one.fit.coefficients - np.asarray(SETS[j])) / one.fit.errors,
+            "chi_square_as_far_by_chance": _by_chance(one),
+            "off_by": one.fit.off_by(SETS[j]),
+            "within_one_standard_error": _within(one),
             "curve_rms_error": float(np.sqrt(np.mean(off**2))),
             "residual_rms": one.fit.rest,
         }
@@ -240,16 +244,17 @@ def _claims(
 ) -> list[Claim]:
     claims = []
     for (j, fine), one in every.items():
-        off = np.abs((one.fit.coefficients - np.asarray(SETS[j])) / one.fit.errors)
+        off = np.abs(one.fit.off_by(SETS[j]))
         s = np.linspace(0, 1, 201)
         rms = float(np.sqrt(np.mean((curve(one.fit.coefficients, s) - curve(SETS[j], s)) ** 2)))
         claims.append(
             Claim(
                 f"coefficients of joint {j}, IV.A: {', '.join(f'{v:g}' for v in SETS[j])}",
-                f"with {'4096 counts' if fine else 'Hall sensors'} each within {off.max():.1f} of its standard "
-                f"errors, all six at χ² = {one.fit.distance(SETS[j]):.1f}; the curve to {1e6 * rms:.0f} µrad rms",
-                bool(off.max() < 3.0),
-                ""
+                f"with {'4096 counts' if fine else 'Hall sensors'} {_within(one)} of six within their standard errors, "
+                f"all within {off.max():.1f} of them; χ² = {one.fit.distance(SETS[j]):.1f}, which chance passes in "
+                f"{100 * _by_chance(one):.0f} of 100 fits; the curve to {1e6 * rms:.1f} µrad rms",
+                bool(off.max() < 3.0 and _by_chance(one) > 0.01),
+                "of six, four are to be expected within one standard error"
                 if fine
                 else f"42 counts a turn are {1e3 * 2 * np.pi / 4200:.2f} mrad at the joint: the curve is found, "
                 "single coefficients hardly",
@@ -277,6 +282,18 @@ def _claims(
         )
     )
     return claims
+
+
+def _within(one: Measured) -> int:
+    """How many coefficients are nearer to the published ones than their standard errors."""
+    return int((np.abs(one.fit.off_by(SETS[one.j])) < 1).sum())
+
+
+def _by_chance(one: Measured) -> float:
+    """Share of fits to the same arm, with other noise, that miss all six together by as much or more."""
+    from scipy.stats import chi2
+
+    return float(chi2.sf(one.fit.distance(SETS[one.j]), ORDER + 1))
 
 
 def _between_torques(one: Measured) -> float:
