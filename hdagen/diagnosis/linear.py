@@ -50,9 +50,10 @@ class Spectrum:
         A[:, range(m), range(m)] += RIDGE * (A[:, range(m), range(m)] + 1.0)
         L = np.asarray(np.linalg.cholesky(A), float)
         first = np.linalg.solve(L, products[:, :m, m:])
-        left = _less(products[:, m:, m:], first)
-        power, turn = (np.asarray(part, float) for part in np.linalg.eigh(left[:, :k, :k]))
-        return cls(L, first, turn, np.maximum(power, 0.0), turn.swapaxes(1, 2) @ left[:, :k, k:], left[:, k:, k:])
+        left = products[:, m : m + k, m:] - first[..., :k].swapaxes(1, 2) @ first
+        power, turn = (np.asarray(part, float) for part in np.linalg.eigh(left[..., :k]))
+        N = _less(products[:, m + k :, m + k :], first[..., k:])
+        return cls(L, first, turn, np.maximum(power, 0.0), turn.swapaxes(1, 2) @ left[..., k:], N)
 
     def weights(self, s: float) -> Array:
         """Variances (W, k) of the turned torques, of standard deviation ``s`` before, in what the data then tell."""
@@ -65,7 +66,7 @@ class Spectrum:
 
     def left(self, s: float) -> Array:
         """J'CJ (W, P, P) with torques of size ``s`` eliminated, too."""
-        return _less(self.N, self.told * np.sqrt(self.weights(s))[..., None])
+        return self.N if s == 0.0 else _less(self.N, self.told * np.sqrt(self.weights(s))[..., None])
 
 
 def _less(products: Array, of: Array) -> Array:
