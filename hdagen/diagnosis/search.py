@@ -101,11 +101,12 @@ def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tu
     found = []
     for one in lead.atoms:
         rest = tuple(i for i in lead.atoms if i != one)
+        alone = lead.promised(rest) + WORTH * lead.excess  # what says nothing promises as much as the rest does
         for k in (k for k in here if _fits(lead.design, words, rest, k)):
             twin = words.atoms[k].twin(words.atoms[one])
             promise = np.inf if twin else lead.promised((*rest, k))
             names = tuple(sorted(words.atoms[i].name for i in (*rest, k)))
-            if promise > max(known.get(names, -np.inf), lead.score.evidence - ALIKE * lead.excess):
+            if promise > max(known.get(names, -np.inf), lead.score.evidence - ALIKE * lead.excess, alone):
                 found.append((promise, (*rest, k)))
     return [atoms for _, atoms in sorted(found, reverse=True)[:MOST_ALIKE]]
 
