@@ -124,7 +124,7 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
     ends = {(): -100.0, (1,): -103.0, (2,): -100.0}
 
     class Fit(SimpleNamespace):
-        whole, excess, names = True, 1.0, ()
+        whole, stands, excess, names = True, False, 1.0, ()
 
         def bare(self) -> Any:
             return self
@@ -144,6 +144,10 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
     assert [(f.atoms, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
     assert set(moved) == {(), (1,)}
     assert search._contested([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
+    bare: Any = Fit(atoms=(3,), score=SimpleNamespace(evidence=-101.0), whole=False, stands=True)
+    monkeypatch.setattr(search, "again", lambda one, words: fit(one.atoms, one.score.evidence))
+    monkeypatch.setattr(search, "advanced", lambda one, words: one)
+    assert first_whole(search._contested([far, lead, bare], None, print)).atoms == (3,)  # type: ignore[arg-type]
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------

@@ -125,7 +125,8 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
         return _bare(ordered)
     say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
     rest = [fit.bare() for fit in ordered if fit not in close]
-    whole = together(lambda fit: fit if fit.whole or fit.stands else again(fit, words), close)
+    done = [fit for fit in close[1:] if fit.stands]  # the best is needed with its columns
+    whole = together(lambda fit: fit if fit.whole or fit in done else again(fit, words), close)
     stood = together(lambda fit: _on(fit, words, STEPS, ENOUGH), whole)
     return _bare(_ordered([*stood, *rest]))
 
