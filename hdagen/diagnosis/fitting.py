@@ -88,18 +88,15 @@ class Fitted:
 
     @cached_property
     def _overrated(self) -> dict[tuple[int, ...], float]:
-        """By how much the linear model promises too little of minus twice the log posterior where each hypothesis would
-        stand: without what is large it is no model of those with fewer atoms, and where no step helps it promises what
-        is not there."""
+        """By how much the linear model promises too little of minus twice the log posterior where a hypothesis with
+        fewer atoms would stand: without what is large it is no model of theirs."""
+        found = {self.atoms: 0.0}
         linear, s = self.design.linear(), self.score.at.s
-        reduced, found = linear.reduced(s), {}
-        for atoms in self.lesser:
+        reduced = linear.reduced(s)
+        for atoms in self.lesser[:-1]:
             theta, prior = self.standing(atoms), _prior(self.design, atoms)
             there = _tried(self.design, linear, s, _moved(self.design, linear, s, theta))[1]
-            least = there.reduced(s).cost(there.theta, prior)
-            if atoms == self.atoms:  # it stands where it is
-                least = min(least, reduced.cost(linear.theta, prior))
-            found[atoms] = max(least - reduced.cost(theta, prior), 0.0)
+            found[atoms] = max(there.reduced(s).cost(there.theta, prior) - reduced.cost(theta, prior), 0.0)
         return found
 
     @property
