@@ -127,7 +127,6 @@ def emps_without_friction(emps: tuple[Path, Path], diagnose: Diagnose) -> dict[s
     return diagnose("emps", EXAMPLES / "emps" / "without_friction.toml", [log], [pulses])
 
 
-@missed("Coulomb friction is named first, but presliding friction and torque ripple beside it")
 def test_emps_without_friction_lacks_coulomb_friction(emps_without_friction: dict[str, Any]) -> None:
     found = emps_without_friction
     assert found["causes"][0]["effect"] == "coulomb_friction"
@@ -228,6 +227,7 @@ def test_a_kuka_axis_s_encoders_are_skewed(data_dir: Path, out: Path, diagnose: 
     assert 2.3e-3 < kuka_delay(1, data_dir, out, diagnose) < 3.6e-3
 
 
+@missed("axis 2: unknown, as backlash and damping explain some of what the delay leaves")
 def test_the_kuka_s_skew_is_equal_on_all_axes(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
     found = [kuka_delay(axis, data_dir, out, diagnose) for axis in (1, 2, 3)]
     assert min(found) > 2.3e-3
@@ -237,6 +237,7 @@ def test_the_kuka_s_skew_is_equal_on_all_axes(data_dir: Path, out: Path, diagnos
 # -- DFKI double pendulum ---------------------------------------------------------------------------------------------
 
 
+@missed("unknown: much stays unexplained whatever is named")
 def test_the_double_pendulum_lacks_friction_and_a_fast_torque_loop(
     data_dir: Path, out: Path, diagnose: Diagnose
 ) -> None:
