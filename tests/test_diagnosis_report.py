@@ -397,10 +397,11 @@ def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once()
         {"effect": name[:-2], "joint": int(name[-1]), "probability": p, "confounded_with": [*{*likely} - {name}]}
         for name, p in likely.items()
     ]
-    said = confounded({"verdict": [], "causes": causes})
+    said = confounded({"verdict": [], "causes": causes, "unseen": []})
     for name in ("stribeck friction on joint 1 (0.20)", "presliding friction on joint 1 (0.10)", "payload on joint 2"):
         assert said.count(name) == 1
     assert said.count(separators.OTHERWISE) == 1 and "contact" not in said
     assert "hdagen excite robot.toml --separate stribeck_friction@1,presliding_friction@1,payload@2\n" in said
     for few in (causes[:1], causes[3:]):
-        assert "excite" not in confounded({"verdict": [], "causes": few})
+        assert "excite" not in confounded({"verdict": [], "causes": few, "unseen": []})
+    assert "payload" not in confounded({"verdict": [], "causes": causes, "unseen": ["payload@2"]})

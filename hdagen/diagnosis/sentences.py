@@ -77,13 +77,15 @@ def calibrated(content: dict[str, Any]) -> str:
 
 
 def confounded(content: dict[str, Any]) -> str:
-    """What else each effect that is named may be, or what it may be where none is, and the motions that would tell."""
+    """What else each effect that is named may be, or which may be there where none is, and the motions that would
+    tell."""
     causes = {f"{c['effect']}@{c['joint']}": c for c in content["causes"]}
-    likely = [name for name, c in causes.items() if c["probability"] >= LIKELY]
+    shown = causes.keys() - set(content["unseen"])  # the report says those for themselves
+    likely = [name for name, c in causes.items() if c["probability"] >= LIKELY and name in shown]
     named = [name for name in content["verdict"] if name in causes]
     if not named:
         if not likely:
-            return "Nothing else explains this log nearly as well as no effect."
+            return "Of what this motion shows, nothing explains the log nearly as well as no effect."
         each = ", ".join(f"{words(name)} ({causes[name]['probability']:.2f})" for name in likely)
         text = f"No effect is named; one that is small, or that shows little in this motion, may be there: {each}."
         if len(likely) == 1:
