@@ -8,9 +8,9 @@ import pytest
 from compiled import Compiled
 from test_shooting import shooting
 
-from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.candidates import SPIKE, TOLERATED, dictionary
 from hdagen.diagnosis.design import TEMPERATURE, Point, design
-from hdagen.diagnosis.fitting import Fitted, advanced, begun
+from hdagen.diagnosis.fitting import Fitted, advanced, begun, instead
 from hdagen.diagnosis.starts import suggested
 
 Builder = Callable[..., Compiled]
@@ -42,3 +42,17 @@ def test_the_evidence_is_the_scores_at_the_temperature_of_the_fit(fit: Fitted) -
     assert fit.evidence(TEMPERATURE) == pytest.approx(fit.score.evidence, rel=1e-9)
     values = [fit.evidence(t * TEMPERATURE) for t in (1.0, 2.0, 4.0)]
     assert values == sorted(values)
+
+
+def test_another_effect_begins_where_the_linear_model_has_it(fit: Fitted) -> None:
+    """With no more of what it replaces than is tolerated, and where what it promises there is."""
+    at = fit.design
+    words = dictionary(at.shooting.arm, suggested(at.shooting.arm, at.shooting.record))
+    other = next(k for k, atom in enumerate(words.atoms) if atom.name == "presliding_friction@1" and atom.first)
+    found = instead(fit, words, (other,))
+    assert found.names == ("presliding_friction@1",) and found.whole and not found.stands
+    assert fit.promised(()) > fit.promised((other,)) > fit.promised((other, *fit.atoms))  # the log holds none of them
+    for c in at.words.columns:
+        if c.atom in fit.atoms and c.spike < 1.0:
+            off = found.design.point.p[c.index] - c.center
+            assert abs(off) <= TOLERATED * SPIKE * abs(c.unit) * (1 + 1e-9)
