@@ -57,7 +57,12 @@ class Decision:
     @property
     def sure(self) -> bool:
         """Whether nothing else holds more than a tenth of the probability."""
-        return 1.0 - self.probability <= SURE and not any("unknown" in v for v in self.verdict)
+        return 1.0 - self.probability <= SURE and not self.unknown
+
+    @property
+    def unknown(self) -> bool:
+        """Whether something is said to be at work that no effect explains."""
+        return any("unknown" in v for v in self.verdict)
 
     def marginal(self, name: str) -> float:
         """The probability that an effect is present, alone or with others."""

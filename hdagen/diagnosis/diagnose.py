@@ -69,8 +69,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     seen = record(arm, shown, window)
     found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
     decision = decide(found)
-    unknown = any("unknown" in entry for entry in decision.verdict)  # which bends what it likes
-    if not unknown and (refused := foreign(decision.best)):
+    if not decision.unknown and (refused := foreign(decision.best)):
         raise LogError([f"{logs[0].source}: {refused}"])
     content = findings(found, decision)
     say("replay of held-out motion")

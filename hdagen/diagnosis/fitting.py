@@ -20,6 +20,7 @@ from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
 from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots
 from hdagen.diagnosis.evidence import Posterior, Scored, laplace, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear, Summed
+from hdagen.diagnosis.shooting import Shooting
 from hdagen.plant import Array
 
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
@@ -125,8 +126,7 @@ def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, st
     """A hypothesis in the columns of ``at``, at its point with the shapes where its atoms have them; or at ``start``,
     with columns made anew there. ``near``: a size of unexplained torque to begin from."""
     if start is not None:
-        made = design(at.shooting, words.about(at.shooting.arm, atoms, start.p), start)
-        return _scored(made, atoms, near)
+        return _there(at.shooting, words, atoms, start, near)
     own = chosen(at, words.focused(atoms))
     p = at.point.p.copy()
     for k in atoms:
@@ -138,33 +138,28 @@ def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, st
 def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
     """The hypothesis with some of a fit's atoms, begun where that stands, the others at what is tolerated of them: it
     could stand there, too, and about its own numbers it may not have found it."""
-    p, arm = fit.design.point.p.copy(), fit.design.shooting.arm
+    p = fit.design.point.p.copy()
     for c in words.columns:
         if c.atom in fit.atoms and c.atom not in atoms:
             most = TOLERATED * c.spike * abs(c.unit)
             p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
     point = Point(p, fit.design.point.begun)
-    made = design(fit.design.shooting, words.about(arm, atoms, p), point)
-    return _scored(made, atoms, fit.score.at.s, fit.clean)
+    return _there(fit.design.shooting, words, atoms, point, fit.score.at.s, fit.clean)
 
 
 def instead(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
     """The hypothesis with these atoms, begun where the linear model about a fit has it: what looks alike lies there,
     and about its own numbers it may not have found it."""
     at, arm, s = fit.design, fit.design.shooting.arm, fit.score.at.s
-    linear = at.linear()
-    point = _moved(at, linear, s, fit.standing(atoms))
+    point = _moved(at, at.linear(), s, fit.standing(atoms))
     for k in set(atoms) - set(fit.atoms):
         words.atoms[k].shape(arm, point.p)
-    made = design(at.shooting, words.about(arm, atoms, point.p), point)
-    return _scored(made, atoms, s, fit.clean)
+    return _there(at.shooting, words, atoms, point, s, fit.clean)
 
 
 def again(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis whose columns were let go of, with all of them, where it is."""
-    at = fit.design
-    made = design(at.shooting, words.about(at.shooting.arm, fit.atoms, at.point.p), at.point)
-    return _scored(made, fit.atoms, fit.score.at.s, fit.clean)
+    return _there(fit.design.shooting, words, fit.atoms, fit.design.point, fit.score.at.s, fit.clean)
 
 
 def advanced(fit: Fitted, words: Dictionary) -> Fitted:
@@ -176,9 +171,15 @@ def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     if there is fit.design:
         return replace(fit, stands=True)
     there.gram.forget()
-    made = design(there.shooting, words.about(there.shooting.arm, fit.atoms, there.point.p), there.point)
-    moved = _scored(made, fit.atoms, fit.score.at.s, fit.clean)
+    moved = _there(there.shooting, words, fit.atoms, there.point, fit.score.at.s, fit.clean)
     return replace(moved, stands=abs(moved.score.evidence - fit.score.evidence) < ENOUGH * moved.excess)
+
+
+def _there(
+    shooting: Shooting, words: Dictionary, atoms: tuple[int, ...], point: Point, near: float, clean: float | None = None
+) -> Fitted:
+    """The hypothesis at a point, all its columns made anew there."""
+    return _scored(design(shooting, words.about(shooting.arm, atoms, point.p), point), atoms, near, clean)
 
 
 def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None = None) -> Fitted:

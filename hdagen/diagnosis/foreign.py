@@ -2,7 +2,7 @@
 
 Tolerances state how far the machine may be from its file. Where the best explanation needs many numbers far outside
 theirs, together less likely than one in a million, it explains another machine's log, or tolerances that are too small;
-an effect that is named on top of that would be a guess.
+an effect that is named on top of that would be a guess. What is unknown bends what it likes, and is not asked.
 """
 
 from __future__ import annotations
