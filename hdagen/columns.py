@@ -55,6 +55,12 @@ def split_name(name: str) -> tuple[str, int] | None:
     return None
 
 
+def commanded(measured: str) -> str:
+    """The command of a measured input: ``motor_current_2`` -> ``motor_current_command_2``."""
+    base, _, joint = measured.rpartition("_")
+    return f"{base}_command_{joint}"
+
+
 @dataclass(frozen=True)
 class Source:
     """Where one column comes from.

@@ -1,9 +1,11 @@
 """The step that damped springs allow: a dashpot d between rotor and link decays at d (1/M + 1/(N² J)).
 
-RK4 carries a decay only up to 2.78 a step. A robot file that its own step does not carry is refused at the build; a
-diagnosis or a user may ask for more damping afterwards, and would see the model fly apart.
+RK4 carries a decay only up to 2.78 a step, and an oscillation up to 2.83. A robot file that its own step does not carry
+is refused at the build; a diagnosis or a user may ask for more damping afterwards, or for a spring in a drive that the
+file calls rigid, and would see the model fly apart.
 
-Legend: d damping, N m s/rad; M, J inertia of link and rotor, kg m²; N ratio; p parameters (np).
+Legend: d damping, N m s/rad; C compliance, rad/(N m); M, J inertia of link and rotor, kg m²; N ratio; p parameters
+(np).
 Source: Hairer, Wanner, Solving Ordinary Differential Equations II (1996), IV.2.
 """
 
@@ -17,7 +19,7 @@ import numpy as np
 if TYPE_CHECKING:
     from hdagen.plant import Arm, Array
 
-STABLE = 2.5  # of the decay a step, with a margin
+STABLE = 2.5  # of the decay, or of the oscillation, a step, with a margin
 BEYOND = 1.5  # times the robot file's own damping, which the build has looked at, up to which it counts for nothing
 POSES = 64
 
@@ -25,18 +27,20 @@ POSES = 64
 @dataclass(frozen=True, eq=False)
 class Damping:
     """``places`` of the springs' damping in p; ``looseness`` 1/M + 1/(N² J) of each, the largest over poses,
-    1/(kg m²); ``usual``: the decay that the robot file's own damping makes at most, 1/s."""
+    1/(kg m²); ``usual``: the decay that the robot file's own damping makes at most, 1/s; ``missing``: of the springs
+    that the file does not have, which of those it is, and the places of C and of d beside it."""
 
     places: tuple[int, ...]
     looseness: Array
     usual: float
+    missing: tuple[tuple[int, int, int], ...]
 
     @classmethod
     def of(cls, arm: Arm) -> Damping:
         """That of an arm as its robot file describes it."""
         flexible, described = arm.manifest["flexible"], arm.parameters.described
         if not flexible:
-            return cls((), np.zeros(0), 0.0)
+            return cls((), np.zeros(0), 0.0, ())
         names, nominal = list(described), np.array([q.nominal for q in described.values()])
         kept = arm.p
         arm._prepare(nominal)
@@ -47,10 +51,30 @@ class Damping:
         rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
         places = tuple(names.index(f"torsional_damping_{j}") for j in flexible)
         looseness = np.asarray(own + 1.0 / np.array(rotors))
-        return cls(places, looseness, float(looseness @ nominal[list(places)]))
+        missing = tuple(
+            (at, names.index(f"missing_compliance_{j}"), names.index(f"missing_damping_{j}"))
+            for at, j in enumerate(flexible)
+            if f"missing_compliance_{j}" in described
+        )
+        return cls(places, looseness, float(looseness @ nominal[list(places)]), missing)
 
     def longest_step(self, p: Array) -> float:
-        """What RK4 carries with parameters ``p``, s: the joints' decays are added, which bounds the fastest; inf where
-        that is not beyond the robot file's own."""
+        """What RK4 carries with parameters ``p``, s: the joints' decays are added, which bounds the fastest, and so are
+        squares of the oscillations that no file has looked at; inf where neither is beyond the robot file's own."""
         decay = float(self.looseness @ p[list(self.places)])
-        return STABLE / decay if decay > BEYOND * self.usual else np.inf
+        step = STABLE / decay if decay > BEYOND * self.usual else np.inf
+        if not self.missing:
+            return step
+        which, compliance, damping = map(list, zip(*self.missing, strict=True))
+        loose = self.looseness[which]
+        fastest = max(decay + float(loose @ p[damping]), float(np.sqrt(np.sum(loose / p[compliance]))))
+        return min(step, STABLE / fastest)
+
+    def carried(self, step: float) -> dict[int, tuple[float, float]]:
+        """Within which the C and d, by place, of each spring that the file does not have lie for a ``step``, s."""
+        bounds = {}
+        for which, compliance, damping in self.missing:
+            loose = float(self.looseness[which])
+            bounds[compliance] = loose * (step / STABLE) ** 2, np.inf
+            bounds[damping] = 0.0, STABLE / (loose * step)
+        return bounds

@@ -9,7 +9,7 @@ import numpy as np
 from hdagen.log import Log, LogError
 
 PAUSE = 1.0  # s from the last row of a log to the first of the next: no window reaches over it
-ALIKE = 1.5  # ratio of periods up to which logs are taken together
+ALIKE = 2.0  # ratio of periods up to which logs are taken together: a window has half its usual rows at least
 
 
 def joined(logs: Sequence[Log]) -> Log:
@@ -22,8 +22,7 @@ def joined(logs: Sequence[Log]) -> Log:
         f"{log.source}: {log.n_joints} joint(s) at {1 / log.period:.4g} Hz, {first.source} has {first.n_joints} at "
         f"{1 / first.period:.4g} Hz: diagnose logs of one machine and one rate together, others one by one."
         for log in logs[1:]
-        if log.n_joints != first.n_joints
-        or not 1 / ALIKE < log.period / first.period < ALIKE  # windows have as many rows
+        if log.n_joints != first.n_joints or not 1 / ALIKE < log.period / first.period < ALIKE
     ]
     if problems:
         raise LogError(problems)

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from compiled import Compiled
+from replayed import RIGID
 
 from hdagen.plant import Arm, load
+
+Builder = Callable[..., Compiled]
 
 
 @pytest.fixture(scope="module")
@@ -38,23 +44,45 @@ def test_the_robot_files_own_damping_takes_the_robots_step(arm: Arm) -> None:
     assert load("emps").damping.longest_step(load("emps").p) == np.inf  # rigid
 
 
+def fastest(arm: Arm) -> np.ndarray:
+    """The eigenvalues of the linear model at rest, 1/s."""
+    x, u = np.zeros(arm.nx), np.zeros(arm.nu)
+    h, columns = 1e-7, []
+    for k in range(arm.nx):
+        ends = []
+        for side in (h, -h):
+            moved = x.copy()
+            moved[k] += side
+            ends.append(arm.evaluate("rhs_exact", x=moved, u=u, sliding=np.ones(arm.n))["rate"])
+        columns.append((ends[0] - ends[1]) / (2 * h))
+    return np.asarray(np.linalg.eigvals(np.stack(columns, -1).reshape(arm.nx, arm.nx)))
+
+
 def test_the_bound_is_that_of_the_linear_model(arm: Arm) -> None:
     """The fastest decay of rotor and link at rest, by eigenvalues of the linear model, is no faster than said."""
     kept = arm.p.copy()
     try:
         for j in (1, 2):
             arm.parameters[f"torsional_damping_{j}"] = 15.0 * arm.parameters[f"torsional_damping_{j}"]
-        x, u = np.zeros(arm.nx), np.zeros(arm.nu)
-        h, columns = 1e-7, []
-        for k in range(arm.nx):
-            ends = []
-            for side in (h, -h):
-                moved = x.copy()
-                moved[k] += side
-                ends.append(arm.evaluate("rhs_exact", x=moved, u=u, sliding=np.ones(arm.n))["rate"])
-            columns.append((ends[0] - ends[1]) / (2 * h))
-        fastest = float(np.abs(np.linalg.eigvals(np.stack(columns, -1).reshape(arm.nx, arm.nx)).real).max())
-        assert fastest * arm.damping.longest_step(arm.p) <= 2.6
-        assert fastest * arm.damping.longest_step(arm.p) > 0.3
+        decay = float(np.abs(fastest(arm).real).max())
+        assert decay * arm.damping.longest_step(arm.p) <= 2.6
+        assert decay * arm.damping.longest_step(arm.p) > 0.3
     finally:
         arm._prepare(kept)
+
+
+@pytest.mark.parametrize("compliance, damping", [(1e-6, 0.0), (1e-6, 5.0), (1e-4, 50.0), (1e-7, 1.0)])
+def test_a_spring_that_the_file_does_not_have_takes_steps_that_carry_it(
+    build: Builder, compliance: float, damping: float
+) -> None:
+    arm = Arm(build(RIGID, effects=("missing_compliance",)).folder)
+    for j in (1, 2):
+        arm.parameters.update({f"missing_compliance_{j}": compliance, f"missing_damping_{j}": damping})
+    step = arm.damping.longest_step(arm.p)
+    assert 0.3 < float(np.abs(fastest(arm)).max()) * step <= 2.6
+    u = np.zeros((100, arm.nu))
+    u[:, 0] = 0.5
+    path = arm.rollout(np.zeros(arm.nx), u, 1e-3, exact=True, most=1e-3)
+    assert np.isfinite(path).all() and np.abs(path).max() < 1e3
+    for place, (low, high) in arm.damping.carried(step).items():  # each alone is carried, too
+        assert low <= arm.p[place] * 1.01 and arm.p[place] <= high * 1.01

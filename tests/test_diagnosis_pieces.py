@@ -302,6 +302,8 @@ def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
         _strange(fit(1.0, 3.0, lacks=0.5), fit(3.0, 3.1)) < 0.1
     )  # a saturation: the torque is none the less unexplained
     assert _strange(fit(1.0, 0.5, lacks=3.0), fit(3.0, 3.1)) < 0.1  # a large error, told for the most part
+    assert _strange(fit(30.0, 0.9), fit(90.0, 3.1)) < 0.5  # so is one whose motion is worth much of its torque
+    assert _strange(fit(30.0, 2.9), fit(90.0, 3.1)) > 3  # unless little is told
     sizes = [_strange(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
     assert sizes == sorted(sizes)
 

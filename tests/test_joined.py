@@ -48,6 +48,11 @@ def test_a_channel_that_one_log_lacks_is_left_out_and_said(logs: list[Log]) -> N
     assert any("left out: motor_current_2" in note for note in both.notes)
 
 
+def test_a_log_at_two_thirds_of_the_rate_is_taken_along(logs: list[Log]) -> None:
+    slower = replace(logs[1], time=logs[1].time * 1.5)
+    assert len(joined([logs[0], slower])) == len(logs[0]) + len(slower)
+
+
 def test_logs_of_other_machines_or_rates_are_refused(logs: list[Log]) -> None:
     slow = logs[1].rows(0, 1200)
     slow = replace(slow, time=slow.time * 4)

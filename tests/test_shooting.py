@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, simulated
+from replayed import FLEXIBLE, NOISE, simulated
 
 from hdagen import late
 from hdagen.diagnosis.portion import Portion
@@ -140,3 +140,40 @@ def test_the_input_stage_goes_by_its_own_parameters(build: Builder) -> None:
         arm._prepare(p)
         outcomes.append(np.stack(arm.acting(sh.command, sh.steps, sh.record.before)))
     assert all(np.array_equal(one, outcomes[0]) for one in outcomes)
+
+
+TORQUE_DRIVEN = """name = "driven by a torque"
+gravity = [0.0, 0.0]
+[[joint]]
+length = 0.3
+mass = 1.0
+center_of_mass = 0.15
+inertia = 0.01
+[joint.drive]
+rigid = true
+ratio = 10.0
+motor_inertia = 2e-5
+viscous_friction = 1e-4
+coulomb_friction = 0.005
+"""
+
+
+def test_a_measured_torque_tells_what_became_of_the_command(build: Builder) -> None:
+    """Read as the input stage has it, at a noise that no filter of the command explains; alone it tells nothing."""
+    arm = Arm(build(TORQUE_DRIVEN, effects=("current_loop_lag",)).folder)
+    arm.parameters["current_lag_1"] = 3e-3
+    log, shown = simulated(arm), np.ones(1200, bool)
+    sh = Shooting(arm, record(arm, Portion(log, shown), 0.05))
+    assert sh.record.names[0] == "motor_torque_1"
+    assert sh.record.noise[0] == pytest.approx(NOISE, rel=0.1)
+    p, begun = sh.begin()
+    errors = {}
+    for lag in (0.0, 3e-3, 12e-3):
+        p[list(arm.parameters.described).index("current_lag_1")] = lag
+        errors[lag] = float(np.std((sh.record.told - sh.predict(Lane(p, begun)))[:, 0]))
+    assert errors[3e-3] == pytest.approx(NOISE, rel=0.1) and min(errors[0.0], errors[12e-3]) > 1.3 * NOISE
+    alone = {name: values for name, values in log.columns.items() if name != "motor_torque_command_1"}
+    assert record(arm, Portion(Log(log.time, alone, 1, "alone"), shown), 0.05).names == (
+        "motor_position_1",
+        "joint_position_1",
+    )

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdagen.columns import commanded
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
@@ -84,7 +85,7 @@ def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Re
     missing = seen.missing(seen.before)
     whole = missing.motor if missing.link is None else missing.motor + missing.link / seen.ratio
     maps = [Map.of(features[j][kept], whole[kept, j]) for j in range(arm.n)]
-    currents = [_current(shown, seen.replays[0], j) for j in range(1, arm.n + 1)]
+    currents = [_current(shown, seen.replays[0], name) for name in arm.input_names[: arm.n]]
     fitted = _replayed(seen, currents, [on(x) for on, x in zip(maps, features, strict=True)])
     found = fitted if held is seen else _replayed(held, currents, [on(x) for on, x in zip(maps, asked, strict=True)])
     columns = dict(found.columns)
@@ -175,10 +176,10 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
     shown = dict(sight.replays[0].columns)  # the plain replay: what its current's sensors read
     for j, (added, flows) in enumerate(zip(torque, currents, strict=True), 1):
         own = arm.input_names[j - 1]
-        command = own.replace("motor_current", "motor_current_command").replace("motor_torque", "motor_torque_command")
+        command = commanded(own)
         columns[command] = commands[:, j - 1] + np.interp(log.time, sight.time, added) / gains[j - 1]
         if flows is not None:  # a current that is read in a row flowed before it
-            beside = flows(_lagged(log[f"motor_current_command_{j}"]))
+            beside = flows(_lagged(log[command]))
             columns[command] = columns[command] + np.append(beside[1:], beside[-1])
             shown[own] = shown[own] + beside
     found = replay(arm, Log(log.time, columns, log.n_joints, log.source))
@@ -186,10 +187,9 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
     return replace(found, columns={**found.columns, **inputs})
 
 
-def _current(shown: Portion, plain: Replay, j: int) -> Map | None:
-    """What flows at joint j beside the current of the model's replay; None where it is not measured."""
-    log, rows = shown.log, shown.rows
-    name, command = f"motor_current_{j}", f"motor_current_command_{j}"
+def _current(shown: Portion, plain: Replay, name: str) -> Map | None:
+    """What flows of the input ``name`` beside that of the model's replay; None where it is not measured."""
+    log, rows, command = shown.log, shown.rows, commanded(name)
     if name not in log or command not in log or name not in plain.columns:
         return None
     return Map.of(_lagged(log[command])[rows], (log[name] - plain.columns[name])[rows])

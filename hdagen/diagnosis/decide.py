@@ -24,6 +24,8 @@ FURTHER = 0.3  # that there is one more
 # as not that something unknown is at work
 UNKNOWN = 0.6, 1.0
 LEFT = 0.6
+PLAIN = 2.0  # of the former, from which on it is plain that something is left: more says no more, as a real machine's
+# motion is worth a percent of its torque where a sealed one's is worth a thousandth
 NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
 BEYOND = 2.0  # tolerances of the robot file, from which a base parameter off its value is an effect
 LEAST = 1e-12
@@ -142,7 +144,7 @@ def _strange(left: Fitted, none: Fitted) -> float:
     """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named tell
     little of what none leaves, neither of the evidence, which is logarithmic in a large error, nor of the torque, which
     is not what a saturation or an encoder lacks. A real machine always leaves something."""
-    size = max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1])
+    size = min(max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]), PLAIN)
     lacks = [max(fit.clean - fit.score.evidence, LEAST) for fit in (left, none)]
     torques = [max(float(np.linalg.norm(fit.unexplained)), LEAST) for fit in (left, none)]
     share = min(lacks[0] / lacks[1], torques[0] / torques[1], 1.0)

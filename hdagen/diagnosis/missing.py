@@ -19,6 +19,7 @@ import numpy as np
 
 from hdagen import verdict
 from hdagen.channels import Even, even
+from hdagen.columns import commanded
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, complete, mechanical, torque_per_input, unread
@@ -64,6 +65,19 @@ class Sight:
     def time(self) -> Array:
         """The instants (K,), s."""
         return self.grid.time
+
+    def driven(self, joint: int) -> bool:
+        """Whether the input of a joint is logged as commanded and as measured."""
+        name = self.arm.input_names[joint - 1]
+        return name in self.log and commanded(name) in self.log
+
+    def input_word(self, joint: int) -> str:
+        """What drives a joint: current or torque."""
+        return "current" if self.arm.input_names[joint - 1].startswith("motor_current") else "torque"
+
+    def input_unit(self, joint: int) -> str:
+        """The unit of that."""
+        return "A" if self.input_word(joint) == "current" else "N m"
 
     @cached_property
     def kept(self) -> np.ndarray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdagen.columns import commanded
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.regimes import explained
 from hdagen.diagnosis.whereabouts import Trace, regressors, since_reversal, trace
@@ -118,7 +119,7 @@ def _plain(sight: Sight, entry: str, place: str, over: Abscissa, joints: Sequenc
         x, adds, left = over.of(sight, joint)[seen.at][clear], seen.adds[clear], seen.after[clear]
         label = f"{_noun(seen)} ({seen.unit})"
         shown.append(Plane(_points_and_fit(x, left + adds, adds), f"joint {joint}"))
-    unit = "A" if sight.arm.input_names[0].startswith("motor_current") else "N m"
+    unit = sight.input_unit(1)
     x_label = over.label.replace("{input}", unit)
     return planes(_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=CAPTION)
 
@@ -248,23 +249,28 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
 
 
 def _input(sight: Sight, entry: str, joint: int) -> list[str]:
-    """Command against current: a stretch of time where commands change fastest, and one over the other."""
-    log, column = sight.log, f"motor_current_command_{joint}"
-    if column not in log or f"motor_current_{joint}" not in log:
+    """Command against current or torque: a stretch of time where commands change fastest, and one over the other."""
+    if not sight.driven(joint):
         return [
             _plain(sight, entry, "motor", Abscissa("motor input", lambda s, j: s.inputs(s.after)[:, j - 1]), [joint])
         ]
     shown = [sight.commanded(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
-    command, measured = log[column], log[f"motor_current_{joint}"]
+    name, log, word, unit = (
+        sight.arm.input_names[joint - 1],
+        sight.log,
+        sight.input_word(joint),
+        sight.input_unit(joint),
+    )
+    command, measured = log[commanded(name)], log[name]
     rows = max(round(SCENE / log.period), 20)
     change = np.convolve(np.abs(shown[1] - shown[0])[SETTLED:], np.ones(rows), "valid")
     span = slice(SETTLED + int(np.argmax(change)), SETTLED + int(np.argmax(change)) + rows)
     scene = panels(
-        f"{_title(entry)}: command and current",
+        f"{_title(entry)}: command and {word}",
         log.time[span],
         [
             Panel(
-                "current (A)",
+                f"{word} ({unit})",
                 [
                     Series("command", command[span], color="ink", draw="step", dash="dotted"),
                     Series("measured", measured[span], color="grey", dash="solid"),
@@ -284,10 +290,10 @@ def _input(sight: Sight, entry: str, joint: int) -> list[str]:
     return [
         scene,
         planes(
-            f"{_title(entry)}: current over command",
+            f"{_title(entry)}: {word} over command",
             [Plane(curves, f"motor {joint}")],
-            x_label="rate of the command (A/s)" if late else "command (A)",
-            y_label="measured less undelayed current (A)" if late else "current (A)",
+            x_label=f"rate of the command ({unit}/s)" if late else f"command ({unit})",
+            y_label=f"measured less undelayed {word} ({unit})" if late else f"{word} ({unit})",
             equal=False,
             caption="The slope is the delay, s, with its sign reversed." if late else "",
         ),

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from hdagen.channels import describe
+from hdagen.columns import commanded
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
@@ -23,10 +24,11 @@ from hdagen.readings import Readings, Rows, complete, mechanical, torque_per_inp
 from hdagen.repair import segments
 from hdagen.replay import _noise, driven_by, window_starts
 
-QUANTITIES = ("motor_current", "motor_position", "joint_position", "joint_torque")
+QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
 REACH = 0.01  # s to each side of a window's first row from which its state is read
 MOST_WINDOWS = 96  # that are looked at
 MOST_VALUES = 18_000  # rows by channels that are looked at
+FOLLOWED = 0.05  # s of commands that a measured torque may go with
 SHORTEST = 0.5  # share of the window that a shorter last one must have
 
 
@@ -105,15 +107,11 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
     log = seen.log
     command, _ = driven_by(arm, log, "command")
     names, outputs = [], []
-    driven = {
-        name
-        for j in range(1, arm.n + 1)
-        if (name := f"motor_current_{j}") in log and f"motor_current_command_{j}" in log
-    }
+    driven = {name for name in arm.input_names[: arm.n] if name in log and commanded(name) in log}
     for j in range(1, arm.n + 1):
         for quantity in QUANTITIES:
             name = f"{quantity}_{j}"
-            if name in log and (quantity != "motor_current" or name in driven):
+            if name in log and (quantity not in ("motor_current", "motor_torque") or name in driven):
                 names.append(name)
                 outputs.append((quantity, j))
     measured = np.stack([log[name] for name in names], 1)
@@ -121,6 +119,8 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
         [
             _noise(arm, name, log[name][seen.rows])
             if "torque" not in name
+            else _followed(log, name, seen.rows)
+            if name in driven
             else describe(name, log[name][seen.rows]).noise
             for name in names
         ]
@@ -131,9 +131,9 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
     whole = ends - starts >= SHORTEST * window / period
     starts, ends = starts[whole], ends[whole]
     before = command[0, : arm.n].copy()
-    for j in range(1, arm.n + 1):
-        if f"motor_current_{j}" in log:
-            before[j - 1] = log[f"motor_current_{j}"][0]
+    for j, name in enumerate(arm.input_names[: arm.n]):
+        if name in log:
+            before[j] = log[name][0]
     return Record(
         log,
         seen.rows,
@@ -148,6 +148,17 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
         ends,
         _begun(arm, log, starts),
     )
+
+
+def _followed(log: Log, name: str, shown: Mask) -> float:
+    """What no filter of the command explains of a measured torque: its sensor's noise, and what a torque loop leaves,
+    which is not stated and much more."""
+    command = log[commanded(name)]
+    lags = np.arange(max(round(FOLLOWED / log.period), 1) + 1)
+    past = np.stack([np.append(np.full(k, command[0]), command[: len(command) - k]) for k in lags], 1)
+    A = np.column_stack([past, np.ones(len(command))])[shown]
+    left = log[name][shown] - A @ np.linalg.lstsq(A, log[name][shown], rcond=None)[0]
+    return max(float(np.sqrt(np.mean(left**2))), describe(name, log[name][shown]).noise)
 
 
 def usual_torque(arm: Arm, record: Record) -> Array:

@@ -86,12 +86,12 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
 
 
 def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> list[Point]:
-    """Points with the atom beside each effect of the lead that works on the same commands, both as the currents show
-    them: of a delay the slope of whole rows says nothing."""
+    """Points with the atom beside each effect of the lead that works on the same commands, both as what is measured of
+    them shows: of a delay the slope of whole rows says nothing."""
     shooting, atom, found = at.shooting, words.atoms[k], []
     names = list(shooting.arm.parameters.described)
     for i in lead:
-        other, shown = words.atoms[i], ("motor_current", atom.joint) in shooting.record.outputs
+        other, shown = words.atoms[i], shooting.arm.input_names[atom.joint - 1] in shooting.record.names
         if shown and {atom.place, other.place} == {"input"} and atom.joint == other.joint:
             there, beside = other.amplitudes[0], atom.amplitudes[0]
             values = shared(shooting.arm, shooting.record, at.point.p, there, beside, atom.joint)

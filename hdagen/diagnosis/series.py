@@ -22,7 +22,7 @@ from hdagen.plant import Arm, load
 
 EFFECT = "missing_compliance"
 SIZES = (1.0, 4.0)  # usual sizes at which it is begun
-STEP = 2.5e-4  # s: springs may get ten times as stiff as usual on the way
+STEP = 2.5e-4  # s: springs may get ten times as stiff as usual on the way; what this does not carry is as good as rigid
 
 
 def with_springs(
@@ -35,6 +35,7 @@ def with_springs(
     flexible = load(robot, "native", ("all", EFFECT))
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found  # no rotor that could turn by itself
+    _narrowed(flexible)
     say("a spring in what the robot file calls rigid")
     shooting = Shooting(flexible, record(flexible, Portion(seen.log, seen.shown), window), STEP)
     words = dictionary(flexible, suggested(flexible, shooting.record))
@@ -51,3 +52,13 @@ def with_springs(
     best = max((fit for fit in (*found.fitted, *fits) if fit.whole), key=lambda fit: fit.score.evidence)
     whole = [fit if fit is best else fit.bare() for fit in (*found.fitted, *fits)]
     return replace(found, fitted=tuple(sorted(whole, key=lambda fit: -fit.score.evidence)))
+
+
+def _narrowed(flexible: Arm) -> None:
+    """Bounds of the springs and of their damping so narrow that the step carries them."""
+    described = flexible.parameters.described
+    names = list(described)
+    for place, (least, most) in flexible.damping.carried(STEP).items():
+        q = described[names[place]]
+        low, high = min(max(q.low, least), q.nominal), max(min(q.high, most), q.nominal)
+        described[names[place]] = replace(q, low=low, high=high)

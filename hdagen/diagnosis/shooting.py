@@ -33,7 +33,12 @@ TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may 
 MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
 FEW = 2  # lanes that are faster one by one than in a vector
 STAGES = 4  # whose outcome is kept
-PROMPT = {"motor_current", "motor_position", "joint_position"}  # what is read of positions and inputs alone
+PROMPT = {
+    "motor_current",
+    "motor_torque",
+    "motor_position",
+    "joint_position",
+}  # what is read of positions and inputs alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +259,7 @@ class Shooting:
             inputs = np.empty((len(x), seat.arm.nu))
             self._drive(seat, lane, self.rows, inputs)
             seen = late.read(seat.arm, self.path.time, x, inputs, self.begins)
-        seen["motor_current"] = self._acted(seat, lane.p)[1][self.rows]
+        seen["motor_current"] = seen["motor_torque"] = self._acted(seat, lane.p)[1][self.rows]
         return np.stack([seen[quantity][self.looked, j - 1] for quantity, j in self.record.outputs], 1)
 
     @cached_property

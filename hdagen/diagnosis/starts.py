@@ -79,7 +79,7 @@ def _ends(arm: Arm, record: Record) -> dict[str, tuple[float, ...]]:
 
 
 def _inputs(arm: Arm, record: Record) -> dict[str, float]:
-    """The size of each input effect with which the commands alone give the measured currents best."""
+    """The size of each input effect with which the commands alone give the measured inputs best."""
     sizes: dict[str, float] = {}
     names = [
         (f"{a}_{j}", j)
@@ -89,7 +89,7 @@ def _inputs(arm: Arm, record: Record) -> dict[str, float]:
         for a in effect["amplitudes"]
     ]
     for name, j in names:
-        if ("motor_current", j) not in record.outputs:
+        if arm.input_names[j - 1] not in record.names:
             continue
         described, place = arm.parameters.described[name], list(arm.parameters.described).index(name)
         tried = [described.nominal + float(s) * (described.typical or 0.0) for s in SIZES]
@@ -105,7 +105,7 @@ def _inputs(arm: Arm, record: Record) -> dict[str, float]:
 
 def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) -> tuple[float, float]:
     """The values of an input effect that is ``there`` in the parameters ``p`` (np) and of one ``beside`` it on joint j,
-    with which the commands alone give the measured current best: one may have stood in for both."""
+    with which the commands alone give the measured input best: one may have stood in for both."""
     described = arm.parameters.described
     places = [list(described).index(name) for name in (there, beside)]
     q, base = described[beside], described[there].nominal
@@ -121,10 +121,10 @@ def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) 
 
 
 def _error(arm: Arm, record: Record, p: Array, j: int) -> float:
-    """How far (rms) what the commands give under the parameters ``p`` (np) is from joint j's measured current; the arm
-    stands at its own parameters afterwards."""
+    """How far (rms) what the commands give under the parameters ``p`` (np) is from what is measured of joint j's input;
+    the arm stands at its own parameters afterwards."""
     own = arm.p
     arm._prepare(p)
     _, at = arm.acting(record.command[:, : arm.n], record.steps, record.before)
     arm._prepare(own)
-    return float(np.sqrt(np.mean((at[:, j - 1] - record.log[f"motor_current_{j}"])[record.shown] ** 2)))
+    return float(np.sqrt(np.mean((at[:, j - 1] - record.log[arm.input_names[j - 1]])[record.shown] ** 2)))

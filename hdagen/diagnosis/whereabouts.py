@@ -156,8 +156,8 @@ def _unknown(sight: Sight, joint: int, rows: Mask) -> dict[str, Any]:
 def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:
     """What is missing, as it shows at ``place`` of ``joint``, with what the effect ``entry`` adds there."""
     j, less, ok = joint - 1, sight.without(entry), sight.kept
-    if place == "input" and f"motor_current_{joint}" in sight.log and f"motor_current_command_{joint}" in sight.log:
-        return _of_current(sight, joint, less)
+    if place == "input" and sight.driven(joint):
+        return _of_input(sight, joint, less)
     if entry.startswith("torque_sensor") and f"joint_torque_{joint}" in sight.log:
         read = sight.smooth(sight.on_grid(sight.log[f"joint_torque_{joint}"])[:, None])[ok, 0]
         first, last, none = (sight.sensed_torque(p)[ok, j] for p in (sight.before, sight.after, less))
@@ -184,16 +184,17 @@ def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:
     return Trace(words, "N m", before.link[ok, j], after.link[ok, j], added.link[ok, j], ok)
 
 
-def _of_current(sight: Sight, joint: int, less: Array) -> Trace:
-    """Measured current less what the model makes of the command."""
-    name, log, ok = f"motor_current_{joint}", sight.log, sight.kept
+def _of_input(sight: Sight, joint: int, less: Array) -> Trace:
+    """Measured input less what the model makes of the command."""
+    name, log, ok = sight.arm.input_names[joint - 1], sight.log, sight.kept
 
     def seen(values: Array) -> Array:
         return sight.smooth(sight.on_grid(values)[:, None])[ok, 0]
 
     before, after = (seen(log[name] - r.columns[name]) for r in sight.replays)
     adds = seen(sight.commanded(sight.after)[1][:, joint - 1] - sight.commanded(less)[1][:, joint - 1])
-    return Trace(f"current of motor {joint} beyond the model's", "A", before, after, adds, ok)
+    words = f"{sight.input_word(joint)} of motor {joint} beyond the model's"
+    return Trace(words, sight.input_unit(joint), before, after, adds, ok)
 
 
 def regressors(sight: Sight, joint: int, at: np.ndarray) -> list[Regressor]:
@@ -202,7 +203,7 @@ def regressors(sight: Sight, joint: int, at: np.ndarray) -> list[Regressor]:
     angle, speed = column("motor_position", joint), column("motor_velocity", joint)
     current = sight.inputs(sight.after)[:, joint - 1]
     rate = sight.grid.rate(sight.grid.smooth(current))
-    unit = "A" if sight.arm.input_names[joint - 1].startswith("motor_current") else "N m"
+    unit = sight.input_unit(joint)
     listed = [
         Regressor("the motor's speed", "rad/s", speed, True),
         Regressor("the load on the transmission", "N m", torque[:, joint - 1], True),
