@@ -10,7 +10,7 @@ import numpy as np
 
 from hdagen.channels import Channel, describe
 from hdagen.log import Log, gaps
-from hdagen.suspicion import effort, inputs, positions, stopped
+from hdagen.suspicion import effort, inputs, lines, positions, stopped
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
 __all__ = ["Finding", "Severity", "Triage", "look", "triage"]
@@ -179,7 +179,12 @@ def _suspect(
     if not swapped:
         findings += effort.signs(log, channels, moving, lags) + stopped.cut_inputs(log, channels, moving)
     sound = _sound(log, findings, ("wrapped", "jump", "swapped", "degrees", "reversed", "joint_scale", "units"))
-    return findings + swapped + positions.skews(log, channels, machine, sound)
+    return (
+        findings
+        + swapped
+        + positions.skews(log, channels, machine, sound)
+        + lines.cycles(log, channels, machine, sound)
+    )
 
 
 def _sound(log: Log, findings: list[Finding], names: tuple[str, ...] = ("wrapped", "jump")) -> list[int]:

@@ -204,6 +204,15 @@ def test_the_gear_s_and_the_motor_s_cycles_stand_out_of_the_current(
     assert line > least and line > 3 * beside
 
 
+@pytest.mark.parametrize(
+    "joint, orders", [(1, {24}), (2, {14, 24}), (3, {14}), (4, {1, 14, 24}), (5, {12, 14, 28}), (7, {7, 12, 14, 28})]
+)
+def test_triage_names_the_orders(joint: int, orders: set[int], gen3: dict[int, Log]) -> None:
+    seen = looked_at(gen3[joint], robot_of(EXAMPLES / "kinova" / f"joint_{joint}.toml"))
+    (sentence,) = [f.sentence for f in seen.findings if f.name == "cycles"]
+    assert orders <= {int(k) for k in re.findall(r"(\d+) \([0-9.e-]+ N m\)", sentence)} <= {1, 2, 7, 12, 14, 24, 27, 28}
+
+
 # -- KUKA KR300 -------------------------------------------------------------------------------------------------------
 
 

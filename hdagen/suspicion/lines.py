@@ -1,0 +1,98 @@
+"""Lines of the measured current or torque that repeat with the motor's turns: what a loop makes up for, it shows.
+
+A loop that holds a speed cancels cogging and ripple before the joint moves, so positions hardly tell of them and what
+drives the motor does. Over the motor's angle such a line stands at a whole number of cycles a turn.
+
+Legend: k cycles a turn of the motor; θ its angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from hdagen.channels import Channel
+from hdagen.log import Log
+from hdagen.stretches import stretches
+from hdagen.suspicion.finding import Finding, Machine, Severity
+
+_MOST = 40  # cycles a turn
+_SMOOTH = 0.02  # s of the parabolas that take the encoder's steps out of θ
+_MOVES = 0.5  # of the usual speed, above which a stretch counts
+_TURNS = 16.0  # least: a window of fewer has no place between two lines
+_BESIDE = np.array([0.3, 0.34, 0.38, 0.42, 0.46])  # cycles away, on both sides, where no line is
+_CLEAR = 5.0  # times the median beside it, above which an amplitude is a line: of 400 logs of noise 8 have one
+_NYQUIST = 0.4  # cycles a row at most
+_TREND = 3  # degree of the polynomial that is taken off a stretch
+_NAMED = 5  # lines at most
+_EVEN = 0.1  # spread of the speed, relative, below which a line of time looks the same
+
+
+def cycles(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: Sequence[int]) -> list[Finding]:
+    """The lines of the measured inputs of ``joints``."""
+    findings = []
+    for joint in joints:
+        name = next((n for n in (f"motor_current_{joint}", f"motor_torque_{joint}") if n in channels), None)
+        if name is None or channels[name].constant:
+            continue
+        angle = _angle(log, channels, machine, joint)
+        found = {} if angle is None else _lines(log, log[name], angle)
+        if angle is None or not found:
+            continue
+        unit = "A" if "current" in name else "N m"
+        strongest = sorted(found, key=lambda k: -found[k])[:_NAMED]
+        listed = ", ".join(f"{k} ({found[k]:.3g} {unit})" for k in sorted(strongest))
+        speed = np.abs(np.gradient(angle, log.time))
+        steady = speed[speed > _MOVES * np.sqrt(np.mean(speed**2))]
+        same = (
+            " At this one speed a line of time looks the same; record a second one."
+            if np.std(steady) < _EVEN * np.mean(steady)
+            else ""
+        )
+        sentence = (
+            f"{name} has lines at {listed} cycles a turn of the motor: cogging, ripple, or an error of the encoder, as "
+            f"far as the loop makes up for it.{same}"
+        )
+        findings.append(Finding(Severity.WARN, "cycles", joint, sentence))
+    return findings
+
+
+def _angle(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> np.ndarray | None:
+    """θ (T,), smoothed; None where nothing tells it, or the joint slides."""
+    for name, ratio in ((f"motor_position_{joint}", 1.0), (f"joint_position_{joint}", machine.ratios[joint - 1])):
+        width = 2 * max(round(0.5 * _SMOOTH / log.period), 1) + 1
+        if name in channels and channels[name].moves and not machine.prismatic[joint - 1] and len(log) > width:
+            return np.asarray(ratio * savgol_filter(log[name], width, min(2, width - 1)))
+    return None
+
+
+def _lines(log: Log, values: np.ndarray, angle: np.ndarray) -> dict[int, float]:
+    """Amplitude of each line, by its cycles a turn."""
+    speed = np.gradient(angle, log.time)
+    steps = np.abs(np.gradient(angle))
+    fast = np.abs(speed) > _MOVES * np.sqrt(np.mean(speed**2))
+    even = np.append(np.diff(log.time) < 1.5 * log.period, True)
+    weight, left = np.zeros(len(values)), np.zeros(len(values))
+    turns = 0.0
+    for first, end in stretches(fast & even):
+        part, gone = slice(first, end), abs(angle[end - 1] - angle[first]) / (2 * np.pi)
+        if gone < _TURNS:
+            continue
+        turns += gone
+        along = (angle[part] - angle[first]) / (angle[end - 1] - angle[first])
+        weight[part] = steps[part] * np.sin(np.pi * np.clip(along, 0.0, 1.0)) ** 2
+        trend = np.polynomial.Polynomial.fit(along, values[part], _TREND)
+        left[part] = values[part] - trend(along)
+    if not turns:
+        return {}
+    rows = weight > 0
+    most = min(_MOST, int(_NYQUIST * 2 * np.pi / float(np.quantile(steps[rows], 0.9))))
+
+    def amplitude(k: float) -> float:
+        return float(2 * abs(np.sum((weight * left)[rows] * np.exp(-1j * k * angle[rows]))) / weight[rows].sum())
+
+    found = {k: amplitude(k) for k in range(1, most + 1)}
+    beside = {k: np.median([amplitude(k + side * d) for d in _BESIDE for side in (-1, 1)]) for k in found}
+    return {k: size for k, size in found.items() if size > _CLEAR * beside[k]}
