@@ -2,7 +2,8 @@
 
 RK4 carries a decay only up to 2.78 a step, and an oscillation up to 2.83. A robot file that its own step does not carry
 is refused at the build; a diagnosis or a user may ask for more damping afterwards, or for a spring in a drive that the
-file calls rigid, and would see the model fly apart.
+file calls rigid, and would see the model fly apart. A stiff wall loads a joint beyond what its motor does, where a
+spring is many times as stiff.
 
 Legend: d damping, N m s/rad; C compliance, rad/(N m); M, J inertia of link and rotor, kg m²; N ratio; p parameters
 (np).
@@ -16,24 +17,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hdagen.torques import full_torque
+
 if TYPE_CHECKING:
     from hdagen.plant import Arm, Array
 
 STABLE = 2.5  # of the decay, or of the oscillation, a step, with a margin
 BEYOND = 1.5  # times the robot file's own damping, which the build has looked at, up to which it counts for nothing
 POSES = 64
+LOADED = 1.25  # of the oscillation at full torque, a step: a joint at a wall is loaded beyond
+DEEP = 0.05  # rad or m: what takes half of the full torque within this depth is a stiff wall
 
 
 @dataclass(frozen=True, eq=False)
 class Damping:
     """``places`` of the springs' damping in p; ``looseness`` 1/M + 1/(N² J) of each, the largest over poses,
     1/(kg m²); ``usual``: the decay that the robot file's own damping makes at most, 1/s; ``missing``: of the springs
-    that the file does not have, which of those it is, and the places of C and of d beside it."""
+    that the file does not have, which of those it is, and the places of C and of d beside it; ``walls``: places of
+    stiffnesses, from which on each is a stiff wall, and the step that one allows, s."""
 
     places: tuple[int, ...]
     looseness: Array
     usual: float
     missing: tuple[tuple[int, int, int], ...]
+    walls: tuple[tuple[int, float, float], ...] = ()
 
     @classmethod
     def of(cls, arm: Arm) -> Damping:
@@ -46,6 +53,8 @@ class Damping:
         arm._prepare(nominal)
         q = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, arm.n))
         inverse = np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n))
+        full = full_torque(arm)
+        ends = [arm.evaluate("torsion", joint_torque=share * full)["torsion"] for share in (0.99, 1.0)]
         arm._prepare(kept)
         own = np.diagonal(inverse, axis1=1, axis2=2).max(0)[[j - 1 for j in flexible]]
         rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
@@ -56,13 +65,21 @@ class Damping:
             for at, j in enumerate(flexible)
             if f"missing_compliance_{j}" in described
         )
-        return cls(places, looseness, float(looseness @ nominal[list(places)]), missing)
+        walls = []
+        for loose, j in zip(looseness, flexible, strict=True):
+            stiffness = 0.01 * full[j - 1] / float(np.abs(ends[1] - ends[0])[j - 1])
+            step = LOADED / float(np.sqrt(loose * stiffness))
+            for name in (f"contact_stiffness_above_{j}", f"contact_stiffness_below_{j}"):
+                if name in described:
+                    walls.append((names.index(name), 0.5 * full[j - 1] / DEEP, step))
+        return cls(places, looseness, float(looseness @ nominal[list(places)]), missing, tuple(walls))
 
     def longest_step(self, p: Array) -> float:
         """What RK4 carries with parameters ``p``, s: the joints' decays are added, which bounds the fastest, and so are
         squares of the oscillations that no file has looked at; inf where neither is beyond the robot file's own."""
         decay = float(self.looseness @ p[list(self.places)])
         step = STABLE / decay if decay > BEYOND * self.usual else np.inf
+        step = min([step, *(most for place, stiff, most in self.walls if p[place] >= stiff)])
         if not self.missing:
             return step
         which, compliance, damping = map(list, zip(*self.missing, strict=True))

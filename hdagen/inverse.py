@@ -18,7 +18,8 @@ import numpy as np
 from hdagen.channels import even
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import Readings, torque_per_input
+from hdagen.readings import Readings
+from hdagen.torques import torque_per_input
 
 BANDWIDTH = 20.0  # Hz, of a machine's fastest mode in closed loop; EMPS's, and usual for an arm
 ORDER = 4

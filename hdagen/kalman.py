@@ -21,18 +21,8 @@ import numpy as np
 
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.readings import (
-    BEYOND,
-    Readings,
-    Rows,
-    complete,
-    full_torque,
-    full_torsion,
-    mechanical,
-    senses,
-    unread,
-    within,
-)
+from hdagen.readings import BEYOND, Readings, Rows, complete, mechanical, senses, unread, within
+from hdagen.torques import full_torque, full_torsion
 
 HORIZON = 0.15  # s of rows that the filters see: a few times the memory of the most trusting one
 FEWEST, MOST = 12, 400  # rows of it

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 
 from hdagen.control import Controller
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import torque_per_input
 from hdagen.reference import Reference, fitting, posture
 from hdagen.simulate import Push, Sensors, errors, forces
+from hdagen.torques import torque_per_input
 
 LATEST = 16  # ticks of delay, as the library holds them
 Judge = Callable[[Array, Array], Array]  # tip (T, W, 2, m) and torques sent (T, W, n, N m) -> (W, k)

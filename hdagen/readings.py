@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hdagen.channels import describe
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
+from hdagen.torques import full_torsion
 
 Rows = NDArray[np.intp]
 RECENT = 2000  # rows before an instant from which a channel's noise is read where robot.toml states no resolution
@@ -141,24 +142,6 @@ def unread(arm: Arm, x: Array, joints: Iterable[int]) -> Array:
         v[:, chosen] += (rate - seen["joint_velocity"])[:, chosen]
     x[:, at[0]], x[:, at[1]] = q, v
     return x
-
-
-def full_torsion(arm: Arm) -> Array:
-    """Torsion (n) at the largest input that the model is meant for, rad (or m); 0 in a rigid drive."""
-    return np.abs(arm.evaluate("torsion", joint_torque=full_torque(arm))["torsion"])
-
-
-def full_torque(arm: Arm) -> Array:
-    """Torque at the joint (n) of the largest input that the model is meant for, N m (or N), positive."""
-    bound = np.array([slot["bound"] for slot in arm.manifest["input"][: arm.n]])
-    ratio = np.array([arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1)])
-    return np.abs(bound * ratio * torque_per_input(arm))
-
-
-def torque_per_input(arm: Arm) -> Array:
-    """Torque at the motor (n), N m, of a unit of its input: the torque constant, or 1 where the input is torque."""
-    names = [f"torque_constant_{j}" for j in range(1, arm.n + 1)]
-    return np.array([arm.parameters[name] if name in arm.parameters.described else 1.0 for name in names])
 
 
 def complete(arm: Arm, x: Array, known: set[int]) -> Array:

@@ -19,8 +19,8 @@ from hdagen.control import Controller
 from hdagen.input_stage import InputStage
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import torque_per_input
 from hdagen.reference import Reference, fitting, posture
+from hdagen.torques import torque_per_input
 
 World = Callable[[Array, Array], Array]  # tip position and velocity (2 each) -> force on the tip (2), N
 

@@ -106,22 +106,22 @@ def test_each_kind_of_wrong_is_told_apart() -> None:
     joint = row(["backlash@2"], diagnosis(["backlash@1"], 0.8, "transmission"))
     place = row(["backlash@2"], diagnosis(["backlash@2"], 0.8, "motor"))
     more = row(["backlash@2"], diagnosis(["backlash@2", "payload@2"], 0.8, "transmission"))
-    assert (joint.effect_right, joint.joint_right, joint.both_right, joint.place_right) == (True, False, False, True)
-    assert (place.effect_right, place.both_right, place.place_right) == (True, True, False)
-    assert (more.effect_right, more.both_right, more.joint_right) == (False, False, True)
+    assert (joint.effect_right, joint.joint_right, joint.right, joint.place_right) == (True, False, False, True)
+    assert (place.effect_right, place.right, place.place_right) == (True, True, False)
+    assert (more.effect_right, more.right, more.joint_right) == (False, False, True)
 
 
 def test_names_that_count_as_the_same_do_and_their_probabilities_add_up() -> None:
     said = diagnosis(["current_bias@1"], 0.6)
     said["causes"].append({"effect": "asymmetric_friction", "joint": 1, "probability": 0.3})
     found = row(["asymmetric_friction@1"], said)
-    assert found.both_right and found.p_truth == pytest.approx(0.9) and alike("payload@2") == "payload@2"
-    assert not row(["asymmetric_friction@1"], diagnosis(["current_bias@2"], 0.6)).both_right
+    assert found.right and found.p_truth == pytest.approx(0.9) and alike("payload@2") == "payload@2"
+    assert not row(["asymmetric_friction@1"], diagnosis(["current_bias@2"], 0.6)).right
 
 
 def test_the_arm_as_a_whole_has_no_joint_to_miss() -> None:
     found = row(["gravity_tilt@0"], diagnosis(["gravity_tilt@1"], 0.9, "link"))
-    assert found.joint_right and found.both_right
+    assert found.joint_right and found.right
 
 
 def test_none_unknown_and_pairs() -> None:

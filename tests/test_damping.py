@@ -86,3 +86,23 @@ def test_a_spring_that_the_file_does_not_have_takes_steps_that_carry_it(
     assert np.isfinite(path).all() and np.abs(path).max() < 1e3
     for place, (low, high) in arm.damping.carried(step).items():  # each alone is carried, too
         assert low <= arm.p[place] * 1.01 and arm.p[place] <= high * 1.01
+
+
+@pytest.mark.parametrize("side", ["above", "below"])
+def test_a_stiff_wall_takes_steps_that_carry_the_spring_at_its_load(side: str) -> None:
+    """At a wall the spring is loaded beyond what the motor does, where it is many times as stiff."""
+    arm = load("paper", effects=("contact",))
+    arm.parameters[f"contact_stiffness_{side}_2"] = 100.0
+    assert arm.damping.longest_step(arm.p) == np.inf  # one that yields
+    arm.parameters.update({f"contact_stiffness_{side}_2": 6000.0, "contact_above_2": 0.01, "contact_below_2": -0.01})
+    assert arm.damping.longest_step(arm.p) < 1e-3
+    x = np.zeros(arm.nx)
+    for part, ratio in (("motor", arm.parameters["ratio_2"]), ("joint", 1.0)):
+        x[arm.index(f"{part}_velocity_2")] = (2.0 if side == "above" else -2.0) * ratio
+    u = np.zeros((60, arm.nu))
+    coarse, fine = (arm.rollout(x, u, 1e-3, exact=True, most=most) for most in (1e-3, 2e-5))
+    struck = np.abs(fine[:, arm.index("joint_position_2")]).max()
+    assert struck > 0.012  # it was met
+    for name in ("motor_position_2", "joint_position_2"):
+        k = arm.index(name)
+        np.testing.assert_allclose(coarse[:, k], fine[:, k], atol=0.02 * np.abs(fine[:, k]).max())

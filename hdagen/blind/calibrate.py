@@ -34,7 +34,7 @@ def data(rows: Sequence[Row], kind: str, seed_hash: str) -> str:
     for row in rows:
         if not row.failed:
             p = min(max(row.p_stated, CLOSEST), 1.0 - CLOSEST)
-            cases.append({"log_odds": math.log(p / (1.0 - p)), "right": row.verdict == row.truth})
+            cases.append({"log_odds": math.log(p / (1.0 - p)), "right": row.right})
     return json.dumps({"schema": SCHEMA, "kind": kind, "seed_hash": seed_hash, "cases": cases}, indent=1)
 
 

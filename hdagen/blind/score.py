@@ -70,9 +70,10 @@ class Row:
         return bool(self.verdict) and joint in ("0", self.verdict[0].split("@")[1])
 
     @property
-    def both_right(self) -> bool:
-        """Effect and joint."""
-        return self.verdict == self.truth or (self.effect_right and self.effect == "gravity_tilt")
+    def right(self) -> bool:
+        """All true effects at their joints are named, in whatever order, and nothing else; a tilt has no joint."""
+        tilted = len(self.truth) == 1 and self.effect_right and self.effect == "gravity_tilt"
+        return sorted(self.verdict) == sorted(self.truth) or tilted
 
     @property
     def place_right(self) -> bool:
@@ -189,12 +190,12 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
     one, pairs = single(rows), [row for row in rows if len(row.truth) == 2]
     none = [row for row in rows if not row.truth and not row.failed]
     unknown = [row for row in rows if len(row.truth) == 1 and row.effect == "unknown"]
-    wrong = [row for row in one if not row.both_right]
+    wrong = [row for row in one if not row.right]
     gaps = [row for row in rows if math.isfinite(row.before) and math.isfinite(row.after)]
     found = {
         "failed": rate([bool(row.failed) for row in rows]),
         "effect": rate([row.effect_right for row in one]),
-        "effect_and_joint": rate([row.both_right for row in one]),
+        "effect_and_joint": rate([row.right for row in one]),
         "joint": rate([row.joint_right for row in one]),
         "place": rate([row.place_right for row in one]),
         "top3": rate([row.truth[0] in row.ranked for row in one]),
@@ -202,7 +203,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
         "brier": mean([row.brier for row in rows]),
         "calibration_error": calibration_error(one),
         "sure": rate([row.sure for row in one]),
-        "sure_and_wrong": rate([row.sure and not row.both_right for row in one]),
+        "sure_and_wrong": rate([row.sure and not row.right for row in one]),
         "confounded_where_wrong": rate([row.truth[0] in row.confounded for row in wrong]),
         "false_alarm": rate([bool(row.verdict) for row in none]),
         "unknown_found": rate([row.named == ("unknown",) for row in unknown]),
@@ -224,7 +225,7 @@ def bins(rows: Sequence[Row]) -> list[tuple[Figure, Figure]]:
     for at in range(BINS):
         inside = [row for row, bin_ in zip(rows, place, strict=True) if bin_ == at]
         if inside:
-            found.append((mean([row.p_top for row in inside]), rate([row.verdict == row.truth for row in inside])))
+            found.append((mean([row.p_top for row in inside]), rate([row.right for row in inside])))
     return found
 
 
@@ -241,7 +242,7 @@ def calibration_error(rows: Sequence[Row]) -> Figure:
 def coverage(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
     """Share of cases answered, surest first, and the share of those that was right; each (cases,)."""
     ordered = sorted(rows, key=lambda row: -row.p_top)
-    right = np.cumsum([row.verdict == row.truth for row in ordered], dtype=float)
+    right = np.cumsum([row.right for row in ordered], dtype=float)
     count = np.arange(1.0, len(ordered) + 1.0)
     return count / max(len(ordered), 1), right / count
 

@@ -21,8 +21,8 @@ from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.readings import torque_per_input
 from hdagen.replay import Replay, driven_by, replay
+from hdagen.torques import torque_per_input
 
 WAVES = 100  # random Fourier features
 TURNS = (1, 2, 4)  # harmonics of a motor's turn

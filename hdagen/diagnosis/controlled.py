@@ -16,9 +16,10 @@ import numpy as np
 from hdagen.control import Controller, Guard, Safe
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import joint_angles, torque_per_input
+from hdagen.readings import joint_angles
 from hdagen.reference import Reference, smooth_step
 from hdagen.simulate import Simulation, World, run
+from hdagen.torques import torque_per_input
 
 LAW = "impedance_joint"
 DAMPING = 0.02  # N m s/rad at each motor, where the guard makes the arm safe

@@ -22,8 +22,9 @@ from hdagen.channels import Even, even
 from hdagen.columns import commanded
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.readings import Readings, complete, mechanical, torque_per_input, unread
+from hdagen.readings import Readings, complete, mechanical, unread
 from hdagen.replay import Replay, acted_on, driven_by
+from hdagen.torques import torque_per_input
 
 NARROW = 0.007  # s, of the boxcar before the velocity that friction sees: reversals stay where they are
 GAP = 3.5  # periods between rows, from where they are not neighbours

@@ -20,9 +20,10 @@ from hdagen.columns import commanded
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.readings import Readings, Rows, complete, mechanical, torque_per_input
+from hdagen.readings import Readings, Rows, complete, mechanical
 from hdagen.repair import segments
 from hdagen.replay import _noise, driven_by, window_starts
+from hdagen.torques import torque_per_input
 
 QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
 REACH = 0.01  # s to each side of a window's first row from which its state is read

@@ -27,7 +27,8 @@ from hdagen import late
 from hdagen.diagnosis.record import Record
 from hdagen.diagnosis.together import THREADS, together
 from hdagen.plant import Arm, Array
-from hdagen.readings import Rows, full_torsion, joint_angles, limits, mechanical, torque_per_input, unread
+from hdagen.readings import Rows, joint_angles, limits, mechanical, unread
+from hdagen.torques import full_torsion, torque_per_input
 
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
 MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once

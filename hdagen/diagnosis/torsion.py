@@ -17,7 +17,7 @@ from hdagen.channels import even
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
-from hdagen.readings import full_torque
+from hdagen.torques import full_torque
 
 TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # of the kinematic error, with the words of its parameters
 LOADED = 0.1  # of its usual torque, from which a joint's torque has a sign for certain
