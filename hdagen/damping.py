@@ -26,6 +26,7 @@ STABLE = 2.5  # of the decay, or of the oscillation, a step, with a margin
 BEYOND = 1.5  # times the robot file's own damping, which the build has looked at, up to which it counts for nothing
 POSES = 64
 LOADED = 1.25  # of the oscillation at full torque, a step: a joint at a wall is loaded beyond
+TINY = 1e-3  # N m, below which a spring is at rest
 DEEP = 0.05  # rad or m: what takes half of the full torque within this depth is a stiff wall
 
 
@@ -54,7 +55,7 @@ class Damping:
         q = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, arm.n))
         inverse = np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n))
         full = full_torque(arm)
-        ends = [arm.evaluate("torsion", joint_torque=share * full)["torsion"] for share in (0.99, 1.0)]
+        loaded = _stiffness(arm, full)
         arm._prepare(kept)
         own = np.diagonal(inverse, axis1=1, axis2=2).max(0)[[j - 1 for j in flexible]]
         rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
@@ -66,8 +67,7 @@ class Damping:
             if f"missing_compliance_{j}" in described
         )
         walls = []
-        for loose, j in zip(looseness, flexible, strict=True):
-            stiffness = 0.01 * full[j - 1] / float(np.abs(ends[1] - ends[0])[j - 1])
+        for loose, stiffness, j in zip(looseness, loaded, flexible, strict=True):
             step = LOADED / float(np.sqrt(loose * stiffness))
             for name in (f"contact_stiffness_above_{j}", f"contact_stiffness_below_{j}"):
                 if name in described:
@@ -87,6 +87,12 @@ class Damping:
         fastest = max(decay + float(loose @ p[damping]), float(np.sqrt(np.sum(loose / p[compliance]))))
         return min(step, STABLE / fastest)
 
+    def loaded(self, arm: Arm, load: Array) -> float:
+        """What RK4 carries with the springs at a load (n), N m, s: they stiffen. The squares of the oscillations are
+        added, which bounds the fastest; inf in an arm without springs."""
+        fastest = float(np.sqrt(self.looseness @ _stiffness(arm, load)))
+        return STABLE / fastest if fastest > 0.0 else np.inf
+
     def carried(self, step: float) -> dict[int, tuple[float, float]]:
         """Within which the C and d, by place, of each spring that the file does not have lie for a ``step``, s."""
         bounds = {}
@@ -95,3 +101,11 @@ class Damping:
             bounds[compliance] = loose * (step / STABLE) ** 2, np.inf
             bounds[damping] = 0.0, STABLE / (loose * step)
         return bounds
+
+
+def _stiffness(arm: Arm, load: Array) -> Array:
+    """Of the springs, each at its torque of ``load`` (n), N m/rad."""
+    flexible = [j - 1 for j in arm.manifest["flexible"]]
+    torques = np.maximum(np.abs(load), TINY)
+    ends = [arm.evaluate("torsion", joint_torque=share * torques)["torsion"] for share in (0.99, 1.0)]
+    return np.asarray(0.01 * torques[flexible] / np.abs(ends[1] - ends[0])[flexible])

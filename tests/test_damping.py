@@ -10,6 +10,7 @@ from compiled import Compiled
 from replayed import RIGID
 
 from hdagen.plant import Arm, load
+from hdagen.torques import full_torque
 
 Builder = Callable[..., Compiled]
 
@@ -44,9 +45,9 @@ def test_the_robot_files_own_damping_takes_the_robots_step(arm: Arm) -> None:
     assert load("emps").damping.longest_step(load("emps").p) == np.inf  # rigid
 
 
-def fastest(arm: Arm) -> np.ndarray:
-    """The eigenvalues of the linear model at rest, 1/s."""
-    x, u = np.zeros(arm.nx), np.zeros(arm.nu)
+def fastest(arm: Arm, x: np.ndarray | None = None) -> np.ndarray:
+    """The eigenvalues of the linear model at rest or at ``x``, 1/s."""
+    x, u = np.zeros(arm.nx) if x is None else x, np.zeros(arm.nu)
     h, columns = 1e-7, []
     for k in range(arm.nx):
         ends = []
@@ -106,3 +107,28 @@ def test_a_stiff_wall_takes_steps_that_carry_the_spring_at_its_load(side: str) -
     for name in ("motor_position_2", "joint_position_2"):
         k = arm.index(name)
         np.testing.assert_allclose(coarse[:, k], fine[:, k], atol=0.02 * np.abs(fine[:, k]).max())
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.7, 1.0])
+def test_springs_under_load_take_steps_that_carry_them(arm: Arm, share: float) -> None:
+    """They stiffen: the linear model where they are twisted is no faster than said, and a release stays on its way."""
+    load = share * full_torque(arm)
+    twist = arm.evaluate("torsion", joint_torque=load)["torsion"]
+    x = np.zeros(arm.nx)
+    for j in (1, 2):
+        x[arm.index(f"motor_position_{j}")] = arm.parameters[f"ratio_{j}"] * twist[j - 1]
+    step = arm.damping.loaded(arm, load)
+    assert 0.2 < float(np.abs(fastest(arm, x)).max()) * step <= 2.6
+    u = np.zeros((40, arm.nu))
+    coarse, fine = (arm.rollout(x, u, 1e-3, exact=True, most=most) for most in (step, step / 50))
+    k = arm.index("joint_position_2")
+    assert np.isfinite(coarse).all()
+    np.testing.assert_allclose(coarse[:, k], fine[:, k], atol=0.2 * np.abs(fine[:, k]).max())
+
+
+def test_the_more_load_the_shorter_the_step_and_a_rigid_arm_takes_any(arm: Arm) -> None:
+    full = full_torque(arm)
+    steps = [arm.damping.loaded(arm, share * full) for share in (0.0, 0.1, 0.5, 1.0)]
+    assert steps == sorted(steps, reverse=True) and steps[-1] < 0.5 * steps[0]
+    rigid = load("emps")
+    assert rigid.damping.loaded(rigid, full_torque(rigid)) == np.inf

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from hdagen import late
+from hdagen.diagnosis.asked import asked
 from hdagen.diagnosis.record import Record
 from hdagen.diagnosis.together import THREADS, together
 from hdagen.plant import Arm, Array
@@ -33,6 +34,7 @@ from hdagen.torques import full_torsion, torque_per_input
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
 MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
 FEW = 2  # lanes that are faster one by one than in a vector
+HIGHEST, MARGIN = 0.999, 1.5  # quantile of the torque that motion asks for, and how much more a lane may come to
 STAGES = 4  # whose outcome is kept
 PROMPT = {
     "motor_current",
@@ -117,6 +119,7 @@ class Shooting:
 
     def __post_init__(self) -> None:
         record, self.m = self.record, mechanical(self.arm)
+        self.most = min(self.most, self._carried())
         self.whole, self.brief = Course.whole(record), Course.brief(record)
         self.steps = record.steps
         self.rows, self.begins = record.rows_of(record.kept), self.brief.edges[:, 0]
@@ -135,6 +138,11 @@ class Shooting:
         effects = self.arm.manifest["effects"]
         self.staging = self._places(*(e for e in effects if e["place"] == "input"))
         self.loudness = self._places(*(e | {"shapes": []} for e in effects if e["states"]))
+
+    def _carried(self) -> float:
+        """The step, s, that carries the springs under what the record's motion asks for."""
+        torque = np.abs(asked(self.arm, self.record).torque)
+        return self.arm.damping.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
 
     def _places(self, *effects: dict[str, Any]) -> list[int]:
         """The places in p of the parameters of ``effects``."""

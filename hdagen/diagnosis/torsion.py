@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.channels import even
+from hdagen.diagnosis.asked import asked
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
@@ -41,12 +41,8 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
     log, n, described = record.log, arm.n, arm.parameters.described
     if not arm.manifest["flexible"] or any(f"joint_position_{j}" not in log for j in range(1, n + 1)):
         return []
-    grid = even(log.time)
-    q = np.stack([grid.smooth(log[f"joint_position_{j}"]) for j in range(1, n + 1)], 1)
-    v = np.stack([grid.rate(column) for column in q.T], 1)
-    a = np.stack([grid.rate(column) for column in v.T], 1)
-    held = record.command[np.clip(np.searchsorted(log.time, grid.time, side="right") - 1, 0, None)]
-    torque = arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=held[:, n:])["joint_torque"]
+    motion = asked(arm, record)
+    grid, q, v, torque = motion.grid, motion.angle, motion.speed, motion.torque
     shown = Portion(log, record.shown).at(grid.time)
     found = []
     for j in arm.manifest["flexible"]:

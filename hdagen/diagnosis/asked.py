@@ -1,0 +1,37 @@
+"""The torque that the links' motion asks for: the inverse dynamics at the measured motion, smoothed without lag.
+
+Legend: K even instants, n joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.channels import Even, even
+from hdagen.diagnosis.record import Record
+from hdagen.plant import Arm, Array
+from hdagen.readings import joint_angles
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Angles, speeds, and torques at the joints (K, n) at the instants of ``grid``."""
+
+    grid: Even
+    angle: Array
+    speed: Array
+    torque: Array
+
+
+def asked(arm: Arm, record: Record) -> Asked:
+    """What a record asks for; of a joint without an encoder its motor's angle tells."""
+    log, n = record.log, arm.n
+    grid = even(log.time)
+    q = np.stack([grid.smooth(column) for column in joint_angles(arm, log).T], 1)
+    v = np.stack([grid.rate(column) for column in q.T], 1)
+    a = np.stack([grid.rate(column) for column in v.T], 1)
+    held = record.command[np.clip(np.searchsorted(log.time, grid.time, side="right") - 1, 0, None)]
+    torque = arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=held[:, n:])["joint_torque"]
+    return Asked(grid, q, v, torque)
