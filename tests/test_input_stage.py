@@ -112,15 +112,27 @@ def test_delay_and_lag_are_exact(arm: Arm, delay: float, lag: float) -> None:
     assert np.abs(at[1:, 0] - end[:-1]).max() < 1e-9
 
 
-def test_a_delayed_command_is_lagged_as_its_means_over_rows(arm: Arm) -> None:
-    """The stated approximation, whose error is small against the current where it changes from row to row by little."""
-    t = np.arange(ROWS) * 1e-3
-    command = BEFORE[0] + np.column_stack([np.sin(2 * np.pi * 15 * t)] * 2)
-    arm.parameters.update({"command_delay_1": 2.4e-3, "current_lag_1": 3e-3})
-    mean, at = arm.acting(command, 1e-3, BEFORE)
-    expected, end = fine(command[:, 0], np.full(ROWS, 1e-3), 2.4e-3, 3e-3, 500)
-    assert np.abs(mean[:, 0] - expected).max() < 4e-3
-    assert np.abs(at[1:, 0] - end[:-1]).max() < 4e-3
+@pytest.mark.parametrize(("delay", "lag"), [(0.37e-3, 0.4e-3), (2.4e-3, 3e-3), (4.9e-3, 0.05e-3)])
+def test_a_delayed_command_is_lagged_exactly_too(arm: Arm, delay: float, lag: float) -> None:
+    """To what a sum of small steps is exact: a jump of the command within one of them is misplaced by as much."""
+    command, dt = motion()
+    arm.parameters.update({"command_delay_1": delay, "current_lag_1": lag})
+    mean, at = arm.acting(command, dt, BEFORE)
+    expected, end = fine(command[:, 0], dt, delay, lag, 8000)
+    worst = np.abs(np.diff(command[:, 0])).max() * dt.max() / 8000 / min(lag, 1e-3)
+    assert np.abs(mean[:, 0] - expected).max() < worst
+    assert np.abs(at[1:, 0] - end[:-1]).max() < worst
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.12e-3, 1.7e-3])
+def test_a_lag_that_vanishes_leaves_the_delay_alone(arm: Arm, delay: float) -> None:
+    """A search moves both: where they part by a step, no fit gets from one to the other."""
+    command, dt = motion()
+    arm.parameters["command_delay_1"] = delay
+    without = np.stack(arm.acting(command, dt, BEFORE))
+    for lag in (1e-12, 1e-9, 1e-7):
+        arm.parameters["current_lag_1"] = lag
+        assert np.abs(np.stack(arm.acting(command, dt, BEFORE)) - without).max() < 20.0 * lag / dt.min() + 1e-12
 
 
 def test_limits_and_sag_are_what_their_equations_say(arm: Arm) -> None:

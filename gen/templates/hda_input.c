@@ -1,7 +1,7 @@
 /* The stage before the mechanics: delay, limits and lag of the current.
  *
  * Legend: u command, i(u) what limits and sag let through of it, d delay, T time constant of the lag, h row, s; w mean over the row
- * of i(u(t - d)); y what acts: i(u(t - d)) without a lag, else T dy/dt = w - y.
+ * of i(u(t - d)); y what acts: i(u(t - d)) without a lag, else T dy/dt = i(u(t - d)) - y.
  * Nothing here allocates; every loop is bounded.
  */
 #include "hda.h"
@@ -35,6 +35,23 @@ static double delayed(const hda_input_state *state, int j, double delay) {
     return mean;
 }
 
+/* What acts of joint j's current, `delay` s late, at the end of the newest row: each row's part of it through the lag, exactly, so
+ * that a lag which vanishes leaves the delay alone. */
+static double lagged(const hda_input_state *state, int j, double delay, double lag) {
+    const double h = state->length[state->newest];
+    double begin = delay, end = delay + h, acts = state->acting[j] * exp(-h / lag);
+    long row = state->newest;
+    for (long back = 1; back <= state->count; back++) {
+        const double from = back < state->count && begin > 0.0 ? begin : 0.0, to = end < h ? end : h;
+        if (to > from) acts += (exp((to - h) / lag) - exp((from - h) / lag)) * state->current[row][j];
+        if (!(begin > 0.0)) break;
+        row = row ? row - 1 : HDA_INPUT_ROWS - 1;
+        end = begin;
+        begin -= state->length[row];
+    }
+    return acts;
+}
+
 /* Joint j's current, `delay` s late, at the end of the newest row; a delay of whole rows is one though rounding splits them: what
  * arrives at that end does not act yet. */
 static double late(const hda_input_state *state, int j, double delay) {
@@ -60,9 +77,8 @@ void hda_input_step(hda_input_state *state, const double *command, const double 
         mean[j] = w;
         at_end[j] = delay[j] > 0.0 ? late(state, j, delay[j]) : through[j];
         if (lag[j] > 0.0) {
-            const double left = exp(-h / lag[j]), behind = state->acting[j] - w;
-            at_end[j] = w + behind * left;
-            mean[j] = w + behind * (1.0 - left) * lag[j] / h;
+            at_end[j] = lagged(state, j, delay[j] > 0.0 ? delay[j] : 0.0, lag[j]);
+            mean[j] = w + (state->acting[j] - at_end[j]) * lag[j] / h;
         }
         state->acting[j] = at_end[j];
     }
