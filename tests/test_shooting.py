@@ -9,10 +9,13 @@ import pytest
 from compiled import Compiled
 from replayed import FLEXIBLE, NOISE, simulated
 
+from gen.effects import ALL
 from hdagen import late
+from hdagen.diagnosis.candidates import dictionary
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Lane, Shooting
+from hdagen.diagnosis.starts import suggested
 from hdagen.log import Log
 from hdagen.plant import Arm
 
@@ -177,3 +180,31 @@ def test_a_measured_torque_tells_what_became_of_the_command(build: Builder) -> N
         "motor_position_1",
         "joint_position_1",
     )
+
+
+def test_nothing_jumps_where_everything_is_there_a_little(build: Builder) -> None:
+    """A fit moves all parameters at once: a parameter that does much as soon as it is there at all holds it back."""
+    arm = Arm(build(FLEXIBLE, effects=tuple(e.name for e in ALL if e.name != "missing_compliance")).folder)
+    log = simulated(arm)
+    sh = Shooting(arm, record(arm, Portion(log, np.ones(len(log), bool)), 0.05))
+    columns, described = dictionary(arm, suggested(arm, sh.record)).columns, list(arm.parameters.described.values())
+    rng, p = np.random.default_rng(1), sh.begin()[0]
+    for c in columns:
+        q = described[c.index]
+        p[c.index] = min(max(c.center + c.spike * c.unit * abs(rng.standard_normal()), q.low), q.high)
+    begun = sh.begun(p)
+
+    def moved(index: int, by: float) -> Lane:
+        other = p.copy()
+        other[index] += by if other[index] + by <= described[index].high else -by
+        return Lane(other, begun)
+
+    steps = [(c.index, share * c.spike * c.unit) for c in columns for share in (1e-4, 1.0)]
+    base, *seen = sh.all([Lane(p, begun), *(moved(*step) for step in steps)])
+    far = [float(np.linalg.norm((one - base) / sh.record.spread)) for one in seen]
+    jumps = {
+        described[c.index].name: small
+        for c, small, whole in zip(columns, far[::2], far[1::2], strict=True)
+        if small > max(0.01 * whole, 1.0)
+    }
+    assert jumps == {}
