@@ -182,7 +182,8 @@ def test_a_measured_torque_tells_what_became_of_the_command(build: Builder) -> N
     )
 
 
-def test_nothing_jumps_where_everything_is_there_a_little(build: Builder) -> None:
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_nothing_jumps_where_much_is_there_a_little(build: Builder, share: float) -> None:
     """A fit moves all parameters at once: a parameter that does much as soon as it is there at all holds it back."""
     arm = Arm(build(FLEXIBLE, effects=tuple(e.name for e in ALL if e.name != "missing_compliance")).folder)
     log = simulated(arm)
@@ -190,8 +191,8 @@ def test_nothing_jumps_where_everything_is_there_a_little(build: Builder) -> Non
     columns, described = dictionary(arm, suggested(arm, sh.record)).columns, list(arm.parameters.described.values())
     rng, p = np.random.default_rng(1), sh.begin()[0]
     for c in columns:
-        q = described[c.index]
-        p[c.index] = min(max(c.center + c.spike * c.unit * abs(rng.standard_normal()), q.low), q.high)
+        q, there = described[c.index], rng.random() < share
+        p[c.index] = min(max(c.center + there * c.spike * c.unit * abs(rng.standard_normal()), q.low), q.high)
     begun = sh.begun(p)
 
     def moved(index: int, by: float) -> Lane:
