@@ -15,10 +15,10 @@ from hdagen.diagnosis import calibration, search
 from hdagen.diagnosis.candidates import PRESENT, SPIKE, Atom
 from hdagen.diagnosis.decide import Hypothesis, _decided, _strange, least
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
-from hdagen.diagnosis.evidence import settled
+from hdagen.diagnosis.evidence import laplace, settled
 from hdagen.diagnosis.fitting import _prior
 from hdagen.diagnosis.foreign import foreign
-from hdagen.diagnosis.linear import Gram, Linear
+from hdagen.diagnosis.linear import Gram, Linear, Summed
 from hdagen.diagnosis.memory import returned
 from hdagen.diagnosis.search import BRIM, _bare, _brimming, first_whole
 from hdagen.diagnosis.told import Told
@@ -337,3 +337,22 @@ def test_the_calibration_that_comes_with_the_product_is_as_it_was_frozen(tmp_pat
         calibration.read(changed)
     with pytest.raises(calibration.CalibrationError, match="cannot be read"):
         calibration.read(tmp_path / "none.json")
+
+
+def test_a_column_that_flew_apart_does_not_stop_the_search() -> None:
+    """Its products with itself are so large that rounding makes the rest negative somewhere."""
+    rng = np.random.default_rng(2)
+    J = rng.normal(size=(50, 4))
+    spike = np.full(4, 0.05)
+    good = J.T @ J
+    bad = good.copy()
+    bad[0, 0] = -1e4  # as rounding of 1e20 leaves it
+    bad[0, 1:] = bad[1:, 0] = 0.0
+    b = J.T @ rng.normal(size=50)
+    found = laplace(Summed(bad, b, 50.0, 0.0), spike, 0.1, np.ones(1), None, 1.0)
+    assert np.isfinite(found.evidence) and np.isfinite(found.mean).all()
+    none = bad.copy()
+    none[0, 0] = 0.0
+    same = laplace(Summed(none, b, 50.0, 0.0), spike, 0.1, np.ones(1), None, 1.0)
+    np.testing.assert_allclose(found.mean, same.mean, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, same.covariance, rtol=1e-9, atol=1e-12)

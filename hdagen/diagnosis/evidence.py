@@ -128,7 +128,7 @@ def laplace(
     """A `posterior` from all windows together."""
     N, b = summed.N / temperature, summed.b / temperature
     V = spike[:, None] * spike
-    factor = scipy.linalg.cho_factor(N * V + np.eye(len(spike)), lower=True)
+    factor = _factor(N * V)
     covariance = scipy.linalg.cho_solve(factor, np.eye(len(spike))) * V
     mean = covariance @ b
     cost = (summed.c + summed.log) / temperature - float(b @ mean)
@@ -139,6 +139,18 @@ def laplace(
         mean = within
     widths = 2.0 * float(np.log(np.diagonal(factor[0])).sum())
     return Posterior(s, kappa2, mean, covariance, cost, -0.5 * (cost + widths))
+
+
+def _factor(M: Array) -> tuple[Array, bool]:
+    """Cholesky factor of M + 1. M is a product of columns with themselves: where one is so large, as a simulation flies
+    apart, that rounding makes it negative somewhere, it is 0 there."""
+    one = np.eye(len(M))
+    try:
+        factor, lower = scipy.linalg.cho_factor(M + one, lower=True)
+    except scipy.linalg.LinAlgError:
+        values, vectors = scipy.linalg.eigh(M)
+        factor, lower = scipy.linalg.cho_factor((vectors * np.maximum(values, 0.0)) @ vectors.T + one, lower=True)
+    return factor, lower
 
 
 def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
