@@ -35,13 +35,13 @@ class Damping:
     """``places`` of the springs' damping in p; ``looseness`` 1/M + 1/(N² J) of each, the largest over poses,
     1/(kg m²); ``usual``: the decay that the robot file's own damping makes at most, 1/s; ``missing``: of the springs
     that the file does not have, which of those it is, and the places of C and of d beside it; ``walls``: places of
-    stiffnesses, from which on each is a stiff wall, and the step that one allows, s."""
+    stiffnesses, from which on each is a stiff wall, and the looseness and the stiffness at full torque of its joint."""
 
     places: tuple[int, ...]
     looseness: Array
     usual: float
     missing: tuple[tuple[int, int, int], ...]
-    walls: tuple[tuple[int, float, float], ...] = ()
+    walls: tuple[tuple[int, float, float, float], ...] = ()
 
     @classmethod
     def of(cls, arm: Arm) -> Damping:
@@ -68,10 +68,9 @@ class Damping:
         )
         walls = []
         for loose, stiffness, j in zip(looseness, loaded, flexible, strict=True):
-            step = LOADED / float(np.sqrt(loose * stiffness))
             for name in (f"contact_stiffness_above_{j}", f"contact_stiffness_below_{j}"):
                 if name in described:
-                    walls.append((names.index(name), 0.5 * full[j - 1] / DEEP, step))
+                    walls.append((names.index(name), 0.5 * full[j - 1] / DEEP, float(loose), float(stiffness)))
         return cls(places, looseness, float(looseness @ nominal[list(places)]), missing, tuple(walls))
 
     def longest_step(self, p: Array) -> float:
@@ -79,12 +78,14 @@ class Damping:
         squares of the oscillations that no file has looked at; inf where neither is beyond the robot file's own."""
         decay = float(self.looseness @ p[list(self.places)])
         step = STABLE / decay if decay > BEYOND * self.usual else np.inf
-        step = min([step, *(most for place, stiff, most in self.walls if p[place] >= stiff)])
+        for place, stiff, loose, stiffness in self.walls:
+            if p[place] >= stiff:
+                step = min(step, LOADED / float(np.sqrt(loose * (stiffness + p[place]))))
         if not self.missing:
             return step
         which, compliance, damping = map(list, zip(*self.missing, strict=True))
-        loose = self.looseness[which]
-        fastest = max(decay + float(loose @ p[damping]), float(np.sqrt(np.sum(loose / p[compliance]))))
+        own = self.looseness[which]
+        fastest = max(decay + float(own @ p[damping]), float(np.sqrt(np.sum(own / p[compliance]))))
         return min(step, STABLE / fastest)
 
     def loaded(self, arm: Arm, load: Array) -> float:
