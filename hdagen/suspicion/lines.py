@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from hdagen.channels import Channel
 from hdagen.log import Log
@@ -62,10 +61,22 @@ def cycles(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: 
 def _angle(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> np.ndarray | None:
     """θ (T,), smoothed; None where nothing tells it, or the joint slides."""
     for name, ratio in ((f"motor_position_{joint}", 1.0), (f"joint_position_{joint}", machine.ratios[joint - 1])):
-        width = 2 * max(round(0.5 * _SMOOTH / log.period), 1) + 1
-        if name in channels and channels[name].moves and not machine.prismatic[joint - 1] and len(log) > width:
-            return np.asarray(ratio * savgol_filter(log[name], width, min(2, width - 1)))
+        reach = max(round(0.5 * _SMOOTH / log.period), 1)
+        if name in channels and channels[name].moves and not machine.prismatic[joint - 1] and len(log) > 2 * reach:
+            return ratio * _smooth(log[name], reach)
     return None
+
+
+def _smooth(values: np.ndarray, reach: int) -> np.ndarray:
+    """Of parabolas through ``reach`` rows each way (T,); at the ends, of the first and the last."""
+    places = np.arange(-reach, reach + 1)
+    fit = np.linalg.pinv(np.vander(places, 3))  # of the rows of a window: its parabola's coefficients
+    within = np.convolve(values, fit[2][::-1], "valid")
+    first, last = (
+        np.polyval(fit @ values[rows], at)
+        for rows, at in ((slice(2 * reach + 1), places[:reach]), (slice(-2 * reach - 1, None), places[reach + 1 :]))
+    )
+    return np.concatenate([first, within, last])
 
 
 def _lines(log: Log, values: np.ndarray, angle: np.ndarray) -> dict[int, float]:
