@@ -41,14 +41,14 @@ class Damping:
     looseness: Array
     usual: float
     missing: tuple[tuple[int, int, int], ...]
-    walls: tuple[tuple[int, float, float, float], ...] = ()
+    walls: tuple[tuple[int, float, float, float], ...]
 
     @classmethod
     def of(cls, arm: Arm) -> Damping:
         """That of an arm as its robot file describes it."""
         flexible, described = arm.manifest["flexible"], arm.parameters.described
         if not flexible:
-            return cls((), np.zeros(0), 0.0, ())
+            return cls((), np.zeros(0), 0.0, (), ())
         names, nominal = list(described), np.array([q.nominal for q in described.values()])
         kept = arm.p
         arm._prepare(nominal)

@@ -7,6 +7,7 @@ import math
 import arms
 import numpy as np
 
+from hdagen.columns import commanded
 from hdagen.log import Log
 from hdagen.plant import Arm
 from hdagen.replay import Replay
@@ -42,8 +43,7 @@ def simulated(arm: Arm, seconds: float = 1.2, velocities: bool = False, seed: in
     columns = {"tip_force_x": u[:, -2], "tip_force_y": u[:, -1]}
     for j in range(1, arm.n + 1):
         name = arm.input_names[j - 1]
-        command = name.replace("motor_current", "motor_current_command").replace("motor_torque", "motor_torque_command")
-        columns |= {command: u[:, j - 1], name: shown[:, j - 1] + NOISE * rng.standard_normal(len(time))}
+        columns |= {commanded(name): u[:, j - 1], name: shown[:, j - 1] + NOISE * rng.standard_normal(len(time))}
         columns[f"motor_position_{j}"] = np.round(seen["motor_position"][:, j - 1] / MOTOR) * MOTOR
         columns[f"joint_position_{j}"] = np.round(seen["joint_position"][:, j - 1] / JOINT) * JOINT
         if velocities:

@@ -86,19 +86,17 @@ def _lines(log: Log, values: np.ndarray, angle: np.ndarray) -> dict[int, float]:
     fast = np.abs(speed) > _MOVES * np.sqrt(np.mean(speed**2))
     even = np.append(np.diff(log.time) < 1.5 * log.period, True)
     weight, left = np.zeros(len(values)), np.zeros(len(values))
-    turns = 0.0
     for first, end in stretches(fast & even):
-        part, gone = slice(first, end), abs(angle[end - 1] - angle[first]) / (2 * np.pi)
-        if gone < _TURNS:
+        part = slice(first, end)
+        if abs(angle[end - 1] - angle[first]) < _TURNS * 2 * np.pi:
             continue
-        turns += gone
         along = (angle[part] - angle[first]) / (angle[end - 1] - angle[first])
         weight[part] = steps[part] * np.sin(np.pi * np.clip(along, 0.0, 1.0)) ** 2
         trend = np.polynomial.Polynomial.fit(along, values[part], _TREND)
         left[part] = values[part] - trend(along)
-    if not turns:
-        return {}
     rows = weight > 0
+    if not rows.any():
+        return {}
     most = min(_MOST, int(_NYQUIST * 2 * np.pi / float(np.quantile(steps[rows], 0.9))))
 
     def amplitude(k: float) -> float:
