@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hdagen.damping import Damping
+from hdagen.carried import Carried
 from hdagen.given import Array, finite, is_number, of_rows, vector
 from hdagen.opening import PlantError, Structured, folder_of, opened, remedy
 
@@ -349,9 +349,9 @@ class Arm:
         return np.ascontiguousarray(np.broadcast_to(times, (rows,)))
 
     @cached_property
-    def damping(self) -> Damping:
+    def carried(self) -> Carried:
         """What tells the step that damped springs allow."""
-        return Damping.of(self)
+        return Carried.of(self)
 
     @property
     def stable_step(self) -> float:
@@ -364,7 +364,7 @@ class Arm:
 
     def _most(self, most: float | None) -> float:
         """The longest step of a rollout with the parameters at hand, s."""
-        return min(self._size(most), self.damping.longest_step(self.p))
+        return min(self._size(most), self.carried.longest(self.p))
 
     def _size(self, h: float | None) -> float:
         size = self.step_size if h is None else h

@@ -87,7 +87,7 @@ def test_a_true_rigid_model_meets_the_noise_of_the_sensors(made: Callable) -> No
 def test_springs_damped_far_beyond_the_robot_file_lose_no_window() -> None:
     arm = load("paper")
     arm.parameters["torsional_damping_2"] = 19.0 * arm.parameters["torsional_damping_2"]
-    assert arm.damping.longest_step(arm.p) < arm.step_size
+    assert arm.carried.longest(arm.p) < arm.step_size
     found = replay(arm, simulated(arm, 3.0))
     assert not found.notes
     assert found.gap < 1.7

@@ -19,37 +19,23 @@ void hda_input_reset(hda_input_state *state, const double *before, const double 
     state->count = 1;
 }
 
-/* The mean over the newest row of joint j's current, `delay` s late; the oldest row is taken to begin before all time. */
-static double delayed(const hda_input_state *state, int j, double delay) {
+/* Of joint j's current, `delay` s late, over the newest row: its mean, and what acts at the row's end, each row's part of it through the
+ * lag, exactly, so that a lag which vanishes leaves the delay alone. The oldest row is taken to begin before all time. */
+static void passed(const hda_input_state *state, int j, double delay, double lag, double *mean, double *acts) {
     const double h = state->length[state->newest];
-    double begin = delay, end = delay + h, mean = 0.0; /* of the row that is looked at, after the delay */
+    double begin = delay, end = delay + h; /* of the row that is looked at, after the delay */
     long row = state->newest;
+    *mean = 0.0;
+    *acts = lag > 0.0 ? state->acting[j] * exp(-h / lag) : 0.0;
     for (long back = 1; back <= state->count; back++) {
         const double from = back < state->count && begin > 0.0 ? begin : 0.0, to = end < h ? end : h;
-        if (to > from) mean += (to - from) / h * state->current[row][j];
+        if (to > from) *mean += (to - from) / h * state->current[row][j];
+        if (to > from && lag > 0.0) *acts += (exp((to - h) / lag) - exp((from - h) / lag)) * state->current[row][j];
         if (!(begin > 0.0)) break;
         row = row ? row - 1 : HDA_INPUT_ROWS - 1;
         end = begin;
         begin -= state->length[row];
     }
-    return mean;
-}
-
-/* What acts of joint j's current, `delay` s late, at the end of the newest row: each row's part of it through the lag, exactly, so
- * that a lag which vanishes leaves the delay alone. */
-static double lagged(const hda_input_state *state, int j, double delay, double lag) {
-    const double h = state->length[state->newest];
-    double begin = delay, end = delay + h, acts = state->acting[j] * exp(-h / lag);
-    long row = state->newest;
-    for (long back = 1; back <= state->count; back++) {
-        const double from = back < state->count && begin > 0.0 ? begin : 0.0, to = end < h ? end : h;
-        if (to > from) acts += (exp((to - h) / lag) - exp((from - h) / lag)) * state->current[row][j];
-        if (!(begin > 0.0)) break;
-        row = row ? row - 1 : HDA_INPUT_ROWS - 1;
-        end = begin;
-        begin -= state->length[row];
-    }
-    return acts;
 }
 
 /* Joint j's current, `delay` s late, at the end of the newest row; a delay of whole rows is one though rounding splits them: what
@@ -73,12 +59,12 @@ void hda_input_step(hda_input_state *state, const double *command, const double 
     state->length[state->newest] = h;
     for (int j = 0; j < HDA_N; j++) state->current[state->newest][j] = through[j];
     for (int j = 0; j < HDA_N; j++) {
-        const double w = delay[j] > 0.0 ? delayed(state, j, delay[j]) : through[j];
-        mean[j] = w;
-        at_end[j] = delay[j] > 0.0 ? late(state, j, delay[j]) : through[j];
-        if (lag[j] > 0.0) {
-            at_end[j] = lagged(state, j, delay[j] > 0.0 ? delay[j] : 0.0, lag[j]);
-            mean[j] = w + (state->acting[j] - at_end[j]) * lag[j] / h;
+        const double d = delay[j] > 0.0 ? delay[j] : 0.0;
+        mean[j] = at_end[j] = through[j];
+        if (d > 0.0 || lag[j] > 0.0) {
+            passed(state, j, d, lag[j], &mean[j], &at_end[j]);
+            if (lag[j] > 0.0) mean[j] += (state->acting[j] - at_end[j]) * lag[j] / h;
+            else at_end[j] = late(state, j, d);
         }
         state->acting[j] = at_end[j];
     }

@@ -58,7 +58,7 @@ def _narrowed(flexible: Arm) -> None:
     """Bounds of the springs and of their damping so narrow that the step carries them."""
     described = flexible.parameters.described
     names = list(described)
-    for place, (least, most) in flexible.damping.carried(STEP).items():
+    for place, (least, most) in flexible.carried.springs(STEP).items():
         q = described[names[place]]
         low, high = min(max(q.low, least), q.nominal), max(min(q.high, most), q.nominal)
         described[names[place]] = replace(q, low=low, high=high)

@@ -143,7 +143,7 @@ class Shooting:
         """The step, s, that carries the springs under what the record's motion asks for; the robot file's own was
         looked at by the build, and is short enough."""
         torque = np.abs(asked(self.arm, self.record).torque)
-        return self.arm.damping.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
+        return self.arm.carried.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
 
     def _places(self, *effects: dict[str, Any]) -> list[int]:
         """The places in p of the parameters of ``effects``."""
@@ -179,7 +179,7 @@ class Shooting:
 
     def _step(self, lane: Lane) -> float:
         """The longest step of a lane, s."""
-        return min(self.most, self.arm.damping.longest_step(lane.p))
+        return min(self.most, self.arm.carried.longest(lane.p))
 
     def _remembers(self, lane: Lane) -> bool:
         """Whether an effect that remembers is there."""

@@ -1,4 +1,5 @@
-"""The step that damped springs allow: a dashpot d between rotor and link decays at d (1/M + 1/(N² J)).
+"""The step that RK4 carries: springs and walls oscillate, a dashpot d between rotor and link decays at
+d (1/M + 1/(N² J)).
 
 RK4 carries a decay only up to 2.78 a step, and an oscillation up to 2.83. A robot file that its own step does not carry
 is refused at the build; a diagnosis or a user may ask for more damping afterwards, or for a spring in a drive that the
@@ -31,7 +32,7 @@ DEEP = 0.05  # rad or m: what takes half of the full torque within this depth is
 
 
 @dataclass(frozen=True, eq=False)
-class Damping:
+class Carried:
     """``places`` of the springs' damping in p; ``looseness`` 1/M + 1/(N² J) of each, the largest over poses,
     1/(kg m²); ``usual``: the decay that the robot file's own damping makes at most, 1/s; ``missing``: of the springs
     that the file does not have, which of those it is, and the places of C and of d beside it; ``walls``: places of
@@ -44,7 +45,7 @@ class Damping:
     walls: tuple[tuple[int, float, float, float], ...]
 
     @classmethod
-    def of(cls, arm: Arm) -> Damping:
+    def of(cls, arm: Arm) -> Carried:
         """That of an arm as its robot file describes it."""
         flexible, described = arm.manifest["flexible"], arm.parameters.described
         if not flexible:
@@ -73,7 +74,7 @@ class Damping:
                     walls.append((names.index(name), 0.5 * full[j - 1] / DEEP, float(loose), float(stiffness)))
         return cls(places, looseness, float(looseness @ nominal[list(places)]), missing, tuple(walls))
 
-    def longest_step(self, p: Array) -> float:
+    def longest(self, p: Array) -> float:
         """What RK4 carries with parameters ``p``, s: the joints' decays are added, which bounds the fastest, and so are
         squares of the oscillations that no file has looked at; inf where neither is beyond the robot file's own."""
         decay = float(self.looseness @ p[list(self.places)])
@@ -94,7 +95,7 @@ class Damping:
         fastest = float(np.sqrt(self.looseness @ _stiffness(arm, load)))
         return STABLE / fastest if fastest > 0.0 else np.inf
 
-    def carried(self, step: float) -> dict[int, tuple[float, float]]:
+    def springs(self, step: float) -> dict[int, tuple[float, float]]:
         """Within which the C and d, by place, of each spring that the file does not have lie for a ``step``, s."""
         bounds = {}
         for which, compliance, damping in self.missing:
