@@ -7,7 +7,8 @@ import json
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,15 +77,22 @@ def _check(options: argparse.Namespace) -> None:
         raise PlantError("\n".join(problems))
 
 
-def _folder(out: Path) -> Path:
-    """``out``, made. Raises PlantError."""
+@contextmanager
+def _folder(out: Path) -> Iterator[Path]:
+    """``out``, made before the work; where that fails with nothing written, it is taken away again. Raises
+    PlantError."""
     from hdagen.plant import PlantError
 
+    new = not out.exists()
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlantError(f"--out {out}: cannot be made ({error.strerror}); name another folder.") from None
-    return out
+    try:
+        yield out
+    finally:
+        if new and not any(out.iterdir()):
+            out.rmdir()
 
 
 def _one(options: argparse.Namespace) -> int:
@@ -94,21 +102,24 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.sentences import sentence
     from hdagen.log import LogError, read
 
-    out = _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}"))
-    try:
-        logs, held = (
-            [read(path, columns=options.columns, holes=True) for path in paths or ()]
-            for paths in (options.logs, options.hold_out)
+    with _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
+        try:
+            logs, held = (
+                [read(path, columns=options.columns, holes=True) for path in paths or ()]
+                for paths in (options.logs, options.hold_out)
+            )
+        except OSError as error:
+            raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
+        begun = time.monotonic()
+        returned()
+        found = diagnose(
+            options.robot,
+            logs,
+            held,
+            lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}", file=sys.stderr),
         )
-    except OSError as error:
-        raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
-    begun = time.monotonic()
-    returned()
-    found = diagnose(
-        options.robot, logs, held, lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}", file=sys.stderr)
-    )
-    _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
-    report.write(found, out / "report.html")
+        _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
+        report.write(found, out / "report.html")
     print(sentence(found.content))
     print(out / "report.html")
     return 0
@@ -121,14 +132,14 @@ def _fleet(options: argparse.Namespace) -> int:
     from hdagen import fleet, fleet_page
 
     machines = fleet.read(options.fleet)
-    out = _folder(options.out or Path(f"diagnosis-{options.fleet.stem}"))
-    jobs = options.jobs or max((os.cpu_count() or 1) // THREADS, 1)
-    begun = time.monotonic()
-    results, interrupted = fleet.diagnose(
-        machines, out, jobs, lambda words: print(f"{time.monotonic() - begun:5.0f} s  {words}", file=sys.stderr)
-    )
-    fleet.write(out / "fleet.json", fleet.summary(results))
-    fleet_page.write(out / "fleet.html", options.fleet, results)
+    with _folder(options.out or Path(f"diagnosis-{options.fleet.stem}")) as out:
+        jobs = options.jobs or max((os.cpu_count() or 1) // THREADS, 1)
+        begun = time.monotonic()
+        results, interrupted = fleet.diagnose(
+            machines, out, jobs, lambda words: print(f"{time.monotonic() - begun:5.0f} s  {words}", file=sys.stderr)
+        )
+        fleet.write(out / "fleet.json", fleet.summary(results))
+        fleet_page.write(out / "fleet.html", options.fleet, results)
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
     console.print(_table(results))
     console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)

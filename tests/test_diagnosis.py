@@ -129,7 +129,10 @@ def test_a_hold_out_that_is_the_log_and_a_short_log_are_refused(
     assert "shorter than 1 s" in capsys.readouterr().err
     assert main(["diagnose", "paper", str(log), "--hold-out", str(log), "--out", str(tmp_path / "out")]) == 3
     assert "the hold-out is the log itself" in capsys.readouterr().err
-    assert not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()  # what was made for nothing is taken away, what was there stays
+    (tmp_path / "kept").mkdir()
+    assert main(["diagnose", "paper", str(log), "--out", str(tmp_path / "kept")]) == 3
+    assert (tmp_path / "kept").exists()
 
 
 @pytest.mark.campaign
