@@ -105,6 +105,8 @@ def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
         ({"payload@2": 0.9, "": 0.09}, ()),  # an alarm needs more
         ({"payload@2": 0.6, "stiffness@1": 0.38, "": 0.01}, ("payload@2",)),  # that there is one is in no doubt
         ({"unknown@1": 0.6, "": 0.35}, ("unknown@1",)),
+        ({"unknown@1": 0.4, "payload@2": 0.3, "stiffness@1": 0.28, "": 0.02}, ("payload@2",)),  # one of two is there
+        ({"unknown@1": 0.2, "payload@2": 0.7, "": 0.1}, ()),
         ({"": 0.9, "payload@2": 0.05}, ()),
     ],
 )
@@ -298,11 +300,11 @@ def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
     assert _strange(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
     assert _strange(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
     assert _strange(fit(0.01, 3.0, level=5.0), fit(0.01, 3.0, level=9.0)) > 3  # no torque, but not noise either
-    assert (
-        _strange(fit(1.0, 3.0, lacks=0.5), fit(3.0, 3.1)) < 0.1
-    )  # a saturation: the torque is none the less unexplained
+    assert _strange(fit(1.0, 3.0, lacks=0.1), fit(3.0, 3.1)) < 0.1  # a saturation: the torque stays unexplained
     assert _strange(fit(1.0, 0.5, lacks=3.0), fit(3.0, 3.1)) < 0.1  # a large error, told for the most part
-    assert _strange(fit(30.0, 0.9), fit(90.0, 3.1)) < 0.5  # so is one whose motion is worth much of its torque
+    assert _strange(fit(30.0, 0.3), fit(90.0, 3.1)) < 0.1  # so is one whose motion is worth much of its torque
+    assert _strange(fit(30.0, 0.9), fit(90.0, 9.0)) < 0.5
+    assert _strange(fit(1.0, 0.1), fit(1.0, 0.1)) < 0.01  # a little of everything, of which nothing is told
     assert _strange(fit(30.0, 2.9), fit(90.0, 3.1)) > 3  # unless little is told
     sizes = [_strange(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
     assert sizes == sorted(sizes)

@@ -19,11 +19,10 @@ from hdagen.diagnosis.search import Search
 
 NONE = 0.5  # prior probability of no effect
 FURTHER = 0.3  # that there is one more
-# size of unexplained torque, in its unit (2 % of the usual motor torque), variance beyond the noise's as a share of it,
-# and share of the evidence that none lacks and of the torque that it leaves unexplained, at which it is as probable
-# as not that something unknown is at work
+# unexplained torque, rms over the joints, in its unit (2 % of the usual motor torque), variance beyond the noise's as a
+# share of it, and share of what none leaves, at which it is as probable as not that something unknown is at work
 UNKNOWN = 0.6, 1.0
-LEFT = 0.6
+LEFT = 0.64
 PLAIN = 2.0  # of the former, from which on it is plain that something is left: more says no more, as a real machine's
 # motion is worth a percent of its torque where a sealed one's is worth a thousandth
 NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
@@ -43,6 +42,11 @@ class Hypothesis:
     names: tuple[str, ...]
     probability: float
     fit: Fitted | None
+
+    @property
+    def unknown(self) -> bool:
+        """Whether it says that something is at work that no effect explains."""
+        return any(name.startswith("unknown@") for name in self.names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +131,13 @@ def decide(search: Search) -> Decision:
 def _decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
     """What is said: the most probable hypothesis, and none where that is in doubt, with its probability as calibrated;
     the others share the rest as before."""
-    said = max(hypotheses, key=lambda h: h.probability)
-    none = next(h for h in hypotheses if not h.names)
-    if none.probability > DOUBT and said.fit is not None:  # what is unknown has none
+    known = [h for h in hypotheses if not h.unknown]
+    said, none = max(known, key=lambda h: h.probability), next(h for h in known if not h.names)
+    strange = next((h for h in hypotheses if h.unknown), None)
+    named = sum(h.probability for h in known) - none.probability  # what takes each other's place makes nothing unknown
+    if strange and strange.probability > max(named, none.probability):
+        said = strange
+    elif none.probability > DOUBT:
         said = none
     believed = calibration.read().believed(said.probability)
     others = [h for h in hypotheses if h is not said]
@@ -144,11 +152,11 @@ def _strange(left: Fitted, none: Fitted) -> float:
     """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named tell
     little of what none leaves, neither of the evidence, which is logarithmic in a large error, nor of the torque, which
     is not what a saturation or an encoder lacks. A real machine always leaves something."""
-    size = min(max(left.score.at.s / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]), PLAIN)
     lacks = [max(fit.clean - fit.score.evidence, LEAST) for fit in (left, none)]
     torques = [max(float(np.linalg.norm(fit.unexplained)), LEAST) for fit in (left, none)]
+    size = min(max(torques[0] / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]), PLAIN)
     share = min(lacks[0] / lacks[1], torques[0] / torques[1], 1.0)
-    return (size * (share / LEFT) ** 2) ** 2
+    return (size**2 * share / LEFT) ** 2
 
 
 def _less(
