@@ -158,8 +158,9 @@ def _moved(shooting: Shooting, words: Dictionary, point: Point, column: Column) 
     """A lane with one parameter moved by its step, away from a bound, and the step in units."""
     described = list(shooting.arm.parameters.described.values())
     q, p, step = described[column.index], point.p.copy(), column.step
-    if column.atom >= 0 and words.atoms[column.atom].name not in words.meant:
-        words.atoms[column.atom].shape(shooting.arm, p)
+    atom = words.atoms[column.atom] if column.atom >= 0 else None
+    if atom and not atom.first and atom.name not in words.meant:  # the first has its shapes where it stands
+        atom.shape(shooting.arm, p)
     if not q.low <= p[column.index] + step * column.unit <= q.high:
         step = -step
     p[column.index] += step * column.unit

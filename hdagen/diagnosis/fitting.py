@@ -157,6 +157,17 @@ def instead(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
     return _there(at.shooting, words, atoms, point, s, fit.clean)
 
 
+def anew(start: Point, fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
+    """The hypothesis with these atoms of a fit as they are there and all else as it is at ``start``: what was fitted
+    before they were all there bent the robot file's numbers in their place, and may have left them behind a valley."""
+    p, names = start.p.copy(), list(fit.design.shooting.arm.parameters.described)
+    for k in atoms:
+        for name in (*words.atoms[k].amplitudes, *words.atoms[k].shapes):
+            p[names.index(name)] = fit.design.point.p[names.index(name)]
+    point = Point(p, fit.design.shooting.begun(p))
+    return _there(fit.design.shooting, words, atoms, point, fit.score.at.s, fit.clean)
+
+
 def again(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis whose columns were let go of, with all of them, where it is."""
     return _there(fit.design.shooting, words, fit.atoms, fit.design.point, fit.score.at.s, fit.clean)

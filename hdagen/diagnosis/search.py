@@ -11,7 +11,7 @@ import numpy as np
 from hdagen.diagnosis.candidates import Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
-from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, begun, instead, lessened
+from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
@@ -88,6 +88,7 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
         leads, fitted = [lead], _bare(fitted)
     fewer = [atoms for atoms in lead.lesser if len(atoms) in {0, len(lead.atoms) - 1} - {len(lead.atoms)}]
     begin = [*((lessened, atoms) for atoms in fewer), *((instead, atoms) for atoms in _alike(lead, fitted, words))]
+    begin += [(partial(anew, at.point), lead.atoms)] if len(lead.atoms) > 1 else []
     return _contested([*fitted, *together(partial(_from, lead, words, say), begin)], words, say)
 
 
@@ -158,8 +159,11 @@ def _much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
 
 def first(shooting: Shooting, words: Dictionary) -> Point:
     """Where every hypothesis begins: the robot file's own numbers, with what was read off the log as far as it is
-    tolerated."""
+    tolerated, walls and ripples where the log suggests them."""
     p = shooting.arm.p.copy()
+    for atom in words.atoms:
+        if atom.first:
+            atom.shape(shooting.arm, p)
     for c in words.columns:
         if c.seen:
             p[c.index] = c.tolerated
