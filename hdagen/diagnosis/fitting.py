@@ -15,6 +15,7 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
 from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots
@@ -209,9 +210,14 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None
 
 
 def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
-    """Standard deviations of θ (P) with the effects of a hypothesis free: of a wall or a damper as wide as it is large,
-    if that is more than usual, as those come in all orders of magnitude."""
-    prior, free = at.words.spike, at.words.free(atoms)
+    """Standard deviations of θ (P) with the effects of a hypothesis free."""
+    return widths(at, at.words.free(atoms))
+
+
+def widths(at: Design, free: NDArray[np.intp]) -> Array:
+    """Standard deviations of θ (P) with the columns ``free``: of a wall or a damper as wide as it is large, if that is
+    more than usual, as those come in all orders of magnitude."""
+    prior = at.words.spike
     described = list(at.shooting.arm.parameters.described.values())
     broad = np.array([described[at.words.columns[k].index].unit.endswith(BROAD) for k in free], bool)
     prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(at.point.p)[free]), SLAB), SLAB)

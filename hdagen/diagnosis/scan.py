@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import ORDER, SLAB, Atom, Dictionary
+from hdagen.diagnosis.candidates import ORDER, Atom, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen
 from hdagen.diagnosis.evidence import Scored, settled
+from hdagen.diagnosis.fitting import widths
 from hdagen.diagnosis.shooting import Lane
 from hdagen.diagnosis.starts import shared
 from hdagen.diagnosis.together import together
@@ -48,10 +49,10 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
     seen = at.shooting.all([Lane(point.p, point.begun) for _, point in tried])
 
     def evidence(design: Design, atoms: tuple[int, ...]) -> float:
-        linear, spike = design.linear(), base.words.spike
         amplitudes = {name for k in atoms for name in words.atoms[k].amplitudes}
-        spike[[i for i, c in enumerate(base.words.columns) if c.parameter in amplitudes and c.atom >= 0]] = SLAB
-        return max(settled(linear, spike, s).evidence for s in sizes)
+        free = [i for i, c in enumerate(base.words.columns) if c.parameter in amplitudes and c.atom >= 0]
+        linear, prior = design.linear(), widths(design, np.array(free, int))
+        return max(settled(linear, prior, s).evidence for s in sizes)
 
     def judged(one: tuple[tuple[int, Point], Array]) -> float:
         (k, point), read = one
@@ -73,7 +74,8 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
     described = list(at.shooting.arm.parameters.described.values())
     found = []
     if np.linalg.norm([c.seen for c in columns]) >= SEEN:
-        others = {c.index: c.tolerated for c in words.columns if c.seen and words.atoms[c.atom].joint == atom.joint}
+        beside = [c for c in words.columns if c.seen and words.atoms[c.atom].joint == atom.joint]
+        others = {c.index: c.tolerated for c in beside if words.atoms[c.atom].name not in words.meant}
         found.append(_put(at, atom, others | {c.index: c.center + c.seen * c.unit for c in columns}))
     if len(columns) > 1 and (not atom.shapes or ORDER in "".join(atom.shapes)):
         return found  # a sine and a cosine are as good as linear
