@@ -121,8 +121,8 @@ def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:
     """Everything about one point, a lane each: itself, first states, steps of torque, parameters."""
     torques = [(lane, 1.0) for lane in _torques(shooting, point)]
     lanes = _first(shooting, point) + torques + [_moved(shooting, words, point, c) for c in words.columns]
-    seen, columns = _differences(shooting, point, lanes)
-    return Design(shooting, words, point, columns, residual(shooting, seen), len(torques))
+    left, columns = _differences(shooting, point, lanes)
+    return Design(shooting, words, point, columns, left, len(torques))
 
 
 def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Design:
@@ -145,13 +145,13 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
 
 
 def _differences(shooting: Shooting, point: Point, lanes: list[tuple[Lane, float]]) -> tuple[Array, Array]:
-    """What the point predicts (R, M), and the columns of lanes with their steps."""
-    seen = shooting.all([Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
-    spread = shooting.record.spread
-    columns = np.empty((len(lanes), seen[0].size))
-    for c, (lane, (_, step)) in enumerate(zip(seen[1:], lanes, strict=True)):
-        columns[c] = ((lane - seen[0]) / spread / step).reshape(-1)
-    return seen[0], columns
+    """What the point leaves (R, M), and the columns of lanes with their steps."""
+    read = shooting.all([Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
+    left = residual(shooting, read[0])  # held to the channels' ranges: of what flies apart no slope says anything
+    columns = np.empty((len(lanes), left.size))
+    for c, (seen, (_, step)) in enumerate(zip(read[1:], lanes, strict=True)):
+        columns[c] = ((left - residual(shooting, seen)) / step).reshape(-1)
+    return left, columns
 
 
 def _moved(shooting: Shooting, words: Dictionary, point: Point, column: Column) -> tuple[Lane, float]:

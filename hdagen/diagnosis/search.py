@@ -52,8 +52,8 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     """Every effect in one linear model about the robot file's numbers, and at several sizes; those that lead where they
     stand; then sets."""
     say("what the log suggests")
-    shown = suggested(shooting.arm, shooting.record)
-    words = dictionary(shooting.arm, with_orders(shooting, dictionary(shooting.arm, shown), shown))
+    hints = suggested(shooting.arm, shooting.record)
+    words = dictionary(shooting.arm, with_orders(shooting, dictionary(shooting.arm, hints), hints))
     say(f"screening {len(words.atoms)} candidates")
     at = design(shooting, words, first(shooting, words))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
