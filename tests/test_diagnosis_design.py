@@ -1,0 +1,101 @@
+"""The linear model of a record: what its columns promise is what a simulation keeps, and what flies apart has none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from compiled import Compiled
+from replayed import FLEXIBLE, simulated
+
+from hdagen.diagnosis import fitting
+from hdagen.diagnosis.candidates import Atom, Column, Dictionary, dictionary
+from hdagen.diagnosis.design import Design, Point, design, residual
+from hdagen.diagnosis.fitting import anew
+from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.record import record
+from hdagen.diagnosis.search import first
+from hdagen.diagnosis.shooting import Lane, Shooting
+from hdagen.diagnosis.starts import suggested
+from hdagen.plant import Arm
+
+Builder = Callable[..., Compiled]
+
+
+@pytest.fixture(scope="module")
+def shooting(build: Builder) -> Shooting:
+    arm = Arm(build(FLEXIBLE, effects=("contact", "torque_ripple", "cable_spring", "sensor_delay")).folder)
+    log = simulated(arm)
+    return Shooting(arm, record(arm, Portion(log, np.ones(len(log), bool)), 0.05))
+
+
+def moved(at: Design, c: Column) -> tuple[np.ndarray, np.ndarray]:
+    """What the column of ``c`` promises of a step of its, and what a simulation makes of it (R, M)."""
+    q = list(at.shooting.arm.parameters.described.values())[c.index]
+    step = c.step if q.low <= at.point.p[c.index] + c.step * c.unit <= q.high else -c.step
+    p = at.point.p.copy()
+    p[c.index] += step * c.unit
+    column = at.columns[at.shooting.m + at.k + at.words.columns.index(c)].reshape(at.residual.shape)
+    return step * column, at.residual - residual(at.shooting, at.shooting.predict(Lane(p, at.point.begun)))
+
+
+@pytest.mark.parametrize("tolerated", [0.0, 2.0])
+def test_a_column_is_what_its_parameter_does_where_the_point_stands(shooting: Shooting, tolerated: float) -> None:
+    """Walls are tolerated where the log suggests them, not where the model has them by itself, which may be in the
+    middle of the motion; so are ripples."""
+    arm = shooting.arm
+    hints = suggested(arm, shooting.record)
+    hints.shapes["ripple_order_1"] = 7.0, 1.0
+    words = dictionary(arm, hints)
+    start = first(shooting, words)
+    names = list(arm.parameters.described)
+    assert start.p[names.index("ripple_order_1")] == 7.0
+    assert start.p[names.index("contact_above_1")] == hints.shapes["contact_above_1"][0]
+    for c in words.columns:
+        if c.atom >= 0 and words.atoms[c.atom].first:
+            start.p[c.index] = c.center + tolerated * c.spike * c.unit
+    at = design(shooting, words, Point(start.p, shooting.begun(start.p)))
+    for c in words.columns:
+        if c.atom < 0 or words.atoms[c.atom].first:
+            promised, kept = moved(at, c)
+            np.testing.assert_allclose(promised, kept, atol=1e-6 * max(1.0, np.abs(kept).max()), err_msg=c.parameter)
+
+
+def test_what_flies_apart_has_no_slope_beyond_its_channels_ranges(shooting: Shooting) -> None:
+    words = dictionary(shooting.arm, suggested(shooting.arm, shooting.record)).base
+    good = shooting.all
+
+    class Flying(SimpleNamespace):
+        def all(self, lanes: Any) -> list[np.ndarray]:
+            base, *others = good(lanes)
+            return [base, *(1e200 * np.sign(seen - base) for seen in others)]
+
+    flying: Any = Flying(**{name: getattr(shooting, name) for name in ("arm", "record", "m")})
+    at = design(flying, words, Point(*shooting.begin()))
+    most = 2.0 * np.ptp(shooting.record.told, axis=0) / shooting.record.spread
+    steps = np.array([c.step for c in words.columns])
+    own = np.abs(at.columns[at.shooting.m + at.k :]).reshape(len(steps), *at.residual.shape)
+    assert (own <= most / steps[:, None, None] * (1 + 1e-9)).all()
+
+
+def test_a_set_begins_anew_from_the_robot_files_numbers_with_its_own_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["mass_1", "payload_mass_2", "contact_stiffness_above_1", "contact_above_1"]
+    arm = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(names)))
+    atoms = (
+        Atom("payload", 2, "link", ("payload_mass_2",), {}, True),
+        Atom("contact", 1, "link", ("contact_stiffness_above_1",), {"contact_above_1": 1.0}, True),
+    )
+    bent = SimpleNamespace(p=np.array([9.0, 0.5, 70.0, 0.8]))
+    shooting = SimpleNamespace(arm=arm, begun=lambda p: p[:1])
+    at = SimpleNamespace(shooting=shooting, point=bent)
+    fit: Any = SimpleNamespace(design=at, score=SimpleNamespace(at=SimpleNamespace(s=0.1)), clean=-1.0)
+    monkeypatch.setattr(fitting, "_there", lambda shooting, words, atoms, point, near, clean: point)
+    start = Point(np.array([1.0, 0.0, 0.0, 1.0]), np.zeros(1))
+    for some, p in (((0,), [1.0, 0.5, 0.0, 1.0]), ((0, 1), [1.0, 0.5, 70.0, 0.8])):
+        begun: Any = anew(start, fit, Dictionary(atoms, ()), some)
+        np.testing.assert_array_equal(begun.p, p)
+        np.testing.assert_array_equal(begun.begun, [1.0])  # where the windows begin is told by its own numbers
+    np.testing.assert_array_equal(start.p, [1.0, 0.0, 0.0, 1.0])
