@@ -67,6 +67,6 @@ def blocks(time: Array) -> Mask:
     count = max(SPANS, round(length / SPAN))
     spans = (time - time[0]) / max(length, np.finfo(float).tiny) * count
     number = np.minimum(spans.astype(int), count - 1)
-    begins = ((number + 1) * UNEVEN % 1.0) * (1.0 - SHARE)  # not with the log, before which nothing is known
+    begins = (number * UNEVEN % 1.0) * (1.0 - SHARE)
     within = spans - number
     return np.asarray((within >= begins) & (within < begins + SHARE))
