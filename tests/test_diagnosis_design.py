@@ -99,3 +99,18 @@ def test_a_set_begins_anew_from_the_robot_files_numbers_with_its_own_effects(mon
         np.testing.assert_array_equal(begun.p, p)
         np.testing.assert_array_equal(begun.begun, [1.0])  # where the windows begin is told by its own numbers
     np.testing.assert_array_equal(start.p, [1.0, 0.0, 0.0, 1.0])
+
+
+def test_a_window_on_the_wrong_side_begins_anew_where_the_encoders_say(shooting: Shooting) -> None:
+    """One that begins wrong by far more than its columns hold for; what the others have found stays theirs."""
+    words = dictionary(shooting.arm, suggested(shooting.arm, shooting.record)).base
+    p, begun = shooting.begin()
+    kept = shooting.record.kept
+    found = begun.copy()
+    found[kept, shooting.m - 1] += 1e-5  # rad/s
+    assert fitting._freed(at := design(shooting, words, Point(p, found)), 0.1) is at
+    wrong, lost = found.copy(), kept[len(kept) // 2]
+    wrong[lost, shooting.m // 2 :] = -50.0
+    again = fitting._freed(design(shooting, words, Point(p, found)).moved(Point(p, wrong)), 0.1).point.begun
+    np.testing.assert_array_equal(again[lost], begun[lost])
+    np.testing.assert_array_equal(np.delete(again, lost, 0), np.delete(found, lost, 0))

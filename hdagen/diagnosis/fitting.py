@@ -29,6 +29,7 @@ CHORDS = 3
 REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
+FAR = 2.0  # of what noise leaves of a window in the mean, from which it is
 BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
 ENOUGH = 0.1  # of log evidence that a step must bring for another one
 
@@ -235,6 +236,7 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
     """Newton's steps with the columns kept, towards the most probable point of a hypothesis, each as far as the linear
     model holds: what it tells only roughly is a valley, along which a whole step would fly."""
     words, s, prior = at.words, lead.at.s, _prior(at, atoms)
+    at = _freed(at, s)
     bounds, linear = words.bounds(at.shooting.arm), at.linear()
     cost = linear.reduced(s).cost(linear.theta, prior)
     for _ in range(CHORDS):
@@ -253,6 +255,23 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
         if gain < ENOUGH:
             break
     return at
+
+
+def _freed(at: Design, s: float) -> Design:
+    """The same with those windows begun anew where the encoders say that are far off, if that is better: a first state
+    on the wrong side of a reversal, or of play, is not left by small steps."""
+    linear = at.linear()
+    reduced, kept = linear.reduced(s), at.shooting.record.kept
+    left = reduced.chi2(linear.theta)
+    far = left > FAR * reduced.freedom
+    if not far.any():
+        return at
+    begun = at.point.begun.copy()
+    begun[kept[far]] = at.shooting.begun(at.point.p)[kept[far]]
+    again = at.moved(Point(at.point.p, begun)).linear()
+    stays = again.reduced(s).chi2(again.theta) > left - WORSE
+    begun[kept[stays]] = at.point.begun[kept[stays]]
+    return at.moved(Point(at.point.p, begun)) if (far & ~stays).any() else at
 
 
 def _moved(at: Design, linear: Linear, s: float, theta: Array) -> Point:
