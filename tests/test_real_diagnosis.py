@@ -257,10 +257,7 @@ def test_the_double_pendulum_lacks_friction_and_a_fast_torque_loop(
 # -- PACE's case ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "encoders",
-    ["", pytest.param("motor_only", marks=missed("missing compliance, but the gap falls 3.9-fold")), "joint_only"],
-)
+@pytest.mark.parametrize("encoders", ["", "motor_only", "joint_only"])
 def test_the_leg_s_joint_is_not_rigid(encoders: str, out: Path, diagnose: Diagnose, hdagen: Callable[..., str]) -> None:
     if not (out / "log.parquet").exists():
         run("pace/make_logs.py", out)
