@@ -116,7 +116,8 @@ def _one(options: argparse.Namespace) -> int:
             options.robot,
             logs,
             held,
-            lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}", file=sys.stderr),
+            # a line at once, as hypotheses are fitted in threads
+            lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}\n", end="", file=sys.stderr),
         )
         _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
         report.write(found, out / "report.html")

@@ -350,12 +350,12 @@ class Arm:
 
     @cached_property
     def carried(self) -> Carried:
-        """What tells the step that damped springs allow."""
+        """What tells the step that RK4 carries."""
         return Carried.of(self)
 
     @property
     def stable_step(self) -> float:
-        """The robot file's step, or the shorter one that springs damped as the parameters say allow, s."""
+        """The robot file's step, or the shorter one that springs and walls as the parameters say allow, s."""
         return self._most(None)
 
     def steps_in(self, time: float) -> int:

@@ -98,8 +98,7 @@ def residual(shooting: Shooting, seen: Array) -> Array:
     """Measured less predicted (R, M) in units of noise; no larger than the channel's range, for a model that flies
     apart is as wrong as one can be."""
     record = shooting.record
-    span = np.ptp(record.told, axis=0)
-    return np.asarray(np.clip(record.told - seen, -span, span) / record.spread)
+    return np.asarray(np.clip(record.told - seen, -record.span, record.span) / record.spread)
 
 
 def torque_units(shooting: Shooting) -> Array:

@@ -82,6 +82,11 @@ class Record:
         return self.measured[self.rows[np.concatenate(self.looked)]]
 
     @cached_property
+    def span(self) -> Array:
+        """Range of each channel (M)."""
+        return np.asarray(np.ptp(self.told, axis=0))
+
+    @cached_property
     def spread(self) -> Array:
         """Standard deviation of each value that is looked at (S, M): as often as a channel repeats a
         value in a window, it tells it once."""
