@@ -24,8 +24,9 @@ from hdagen.diagnosis.linear import Linear, Reduced, Summed
 from hdagen.diagnosis.together import together
 from hdagen.plant import Array
 
-TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 11)])  # s, in units of unexplained torque
-ROUGHLY = 2  # every which of them a first look takes
+TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # s, in units of unexplained torque
+ROUGHLY = 8  # every which of them a first look takes
+STRIDES = 4, 2, 1  # in which a closer look goes
 MOST_CHANGES = 20  # of what is held at its bounds
 SCALES = 12  # at most, times that the windows are weighed anew
 STILL = 0.05  # change of log κ² below which they are not
@@ -75,19 +76,19 @@ def posteriors(
     near: float | None = None,
     bounds: Bounds | None = None,
 ) -> list[Posterior]:
-    """The posterior at every second size s of unexplained torque, each window at the scale of what it leaves; with
-    ``near`` at all sizes about that one, as far as they get better."""
+    """The posterior at sizes s of unexplained torque a decade apart, each window at the scale of what it leaves; with
+    ``near`` from that one on to where it is best: evidence answers to a third of s with as much as parts hypotheses."""
     if near is None:
         return together(lambda s: settled(linear, spike, s, bounds), TORQUES[::ROUGHLY].tolist())
     here = int(np.argmin(np.abs(TORQUES - near)))
     made = {here: settled(linear, spike, TORQUES[here], bounds)}
-    for step in (-1, 1):
-        k = here + step
-        while 0 <= k < len(TORQUES):
-            made[k] = settled(linear, spike, TORQUES[k], bounds)
-            if made[k].evidence <= made[k - step].evidence:
+    for step in (sign * stride for stride in STRIDES for sign in (-1, 1)):
+        while 0 <= here + step < len(TORQUES):
+            if here + step not in made:
+                made[here + step] = settled(linear, spike, TORQUES[here + step], bounds)
+            if made[here + step].evidence <= made[here].evidence:
                 break
-            k += step
+            here += step
     return [made[k] for k in sorted(made)]
 
 

@@ -25,6 +25,7 @@ from hdagen.diagnosis.shooting import Shooting
 from hdagen.plant import Array
 
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
+STIFF = 0.1  # of the unexplained torque where a hypothesis stands, that its steps allow
 CHORDS = 3
 REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
@@ -177,7 +178,7 @@ def again(fit: Fitted, words: Dictionary) -> Fitted:
 
 def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis one step further, its columns made anew there: about another point those of what is tolerated tell
-    it a likelihood that is not its own. One that stands is left as it is."""
+    it a likelihood that is not its own. One that stands is left as it is, and stands where no step makes it better."""
     if fit.stands:
         return fit
     there = descend(fit.design, fit.atoms, fit.score)
@@ -185,7 +186,8 @@ def advanced(fit: Fitted, words: Dictionary) -> Fitted:
         return replace(fit, stands=True)
     there.gram.forget()
     moved = _there(there.shooting, words, fit.atoms, there.point, fit.score.at.s, fit.clean)
-    return replace(moved, stands=abs(moved.score.evidence - fit.score.evidence) < ENOUGH * moved.excess)
+    gain = moved.score.evidence - fit.score.evidence
+    return replace(moved if gain > 0.0 else fit, stands=gain < ENOUGH * fit.excess)
 
 
 def _there(
@@ -234,8 +236,9 @@ def _by_joint(at: Design, torque: Array) -> Array:
 
 def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
     """Newton's steps with the columns kept, towards the most probable point of a hypothesis, each as far as the linear
-    model holds: what it tells only roughly is a valley, along which a whole step would fly."""
-    words, s, prior = at.words, lead.at.s, _prior(at, atoms)
+    model holds: what it tells only roughly is a valley, along which a whole step would fly. Less torque stays
+    unexplained than it leaves where it stands: that would answer for what the parameters still lack."""
+    words, s, prior = at.words, STIFF * lead.at.s, _prior(at, atoms)
     at = _freed(at, s)
     bounds, linear = words.bounds(at.shooting.arm), at.linear()
     cost = linear.reduced(s).cost(linear.theta, prior)

@@ -77,7 +77,7 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
         beside = [c for c in words.columns if c.seen and words.atoms[c.atom].joint == atom.joint]
         others = {c.index: c.tolerated for c in beside if words.atoms[c.atom].name not in words.meant}
         found.append(_put(at, atom, others | {c.index: c.center + c.seen * c.unit for c in columns}))
-    if len(columns) > 1 and (not atom.shapes or ORDER in "".join(atom.shapes)):
+    if len(columns) > 1 and ORDER in "".join(atom.shapes):
         return found  # a sine and a cosine are as good as linear
     for c in columns:
         for size in dict.fromkeys((*SIZES, c.step)):

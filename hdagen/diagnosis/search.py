@@ -216,6 +216,7 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
         after = sizes[number] if number < len(sizes) else len(moved)
         none = next((f.score.evidence for f in moved if not f.atoms), None)
         least = -np.inf if none is None else none + TRAILING * (moved[0].score.evidence - none)
+        least = min(least, moved[0].score.evidence - CLOSE * moved[0].excess)
         field = [f for place, f in enumerate(moved) if not f.atoms or (place < after and f.score.evidence >= least)]
         out += [f.bare() for f in moved if f not in field]
         del moved
