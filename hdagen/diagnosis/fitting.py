@@ -25,7 +25,8 @@ from hdagen.diagnosis.shooting import Shooting
 from hdagen.plant import Array
 
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
-STIFF = 0.1  # of the unexplained torque where a hypothesis stands, that its steps allow
+STIFF = 0.1  # of the unexplained torque where a hypothesis stands, that its steps allow first: the whole of it would
+# answer for what the parameters still lack
 CHORDS = 3
 REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
@@ -44,6 +45,7 @@ class Fitted:
     score: Scored
     unexplained: Array  # torque that it leaves unexplained at each joint (n), rms, in its unit
     clean: float  # log evidence that it would have if it left noise alone
+    ahead: float  # of its log evidence, what only the linear model promises: where its most probable θ is not yet
     stands: bool = False  # whether no further step helps
     kept: tuple[Summed, Mapping[tuple[int, ...], float]] | None = None  # of one without its columns: what they told
 
@@ -181,13 +183,16 @@ def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     it a likelihood that is not its own. One that stands is left as it is, and stands where no step makes it better."""
     if fit.stands:
         return fit
-    there = descend(fit.design, fit.atoms, fit.score)
-    if there is fit.design:
-        return replace(fit, stands=True)
-    there.gram.forget()
-    moved = _there(there.shooting, words, fit.atoms, there.point, fit.score.at.s, fit.clean)
-    gain = moved.score.evidence - fit.score.evidence
-    return replace(moved if gain > 0.0 else fit, stands=gain < ENOUGH * fit.excess)
+    for share in (STIFF, 1.0):
+        there = descend(fit.design, fit.atoms, fit.score, share)
+        if there is fit.design:
+            continue
+        there.gram.forget()
+        moved = _there(there.shooting, words, fit.atoms, there.point, fit.score.at.s, fit.clean)
+        gain = moved.score.evidence - fit.score.evidence
+        if gain > -fit.ahead:
+            return replace(moved, stands=abs(gain) < ENOUGH * fit.excess)
+    return replace(fit, stands=True)
 
 
 def _there(
@@ -208,8 +213,10 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None
         exact = posterior(nothing, prior, 0.0, noise, bounds)
         left = nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum() / linear.temperature
         clean = exact.worth(prior, own) + 0.5 * left
+    reduced = linear.reduced(best.s)
+    ahead = 0.5 * max(reduced.cost(linear.theta, prior) - reduced.cost(best.mean, prior), 0.0)
     linear.gram.forget()
-    return Fitted(atoms, at, Scored(atoms, best.worth(prior, own), best), _by_joint(at, torque), clean)
+    return Fitted(atoms, at, Scored(atoms, best.worth(prior, own), best), _by_joint(at, torque), clean, ahead)
 
 
 def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
@@ -234,11 +241,11 @@ def _by_joint(at: Design, torque: Array) -> Array:
     return np.array([np.sqrt(np.mean(torque[:, owners == j] ** 2)) for j in range(1, arm.n + 1)])
 
 
-def descend(at: Design, atoms: tuple[int, ...], lead: Scored) -> Design:
+def descend(at: Design, atoms: tuple[int, ...], lead: Scored, share: float) -> Design:
     """Newton's steps with the columns kept, towards the most probable point of a hypothesis, each as far as the linear
-    model holds: what it tells only roughly is a valley, along which a whole step would fly. Less torque stays
-    unexplained than it leaves where it stands: that would answer for what the parameters still lack."""
-    words, s, prior = at.words, STIFF * lead.at.s, _prior(at, atoms)
+    model holds: what it tells only roughly is a valley, along which a whole step would fly. With ``share`` of the
+    torque unexplained that it leaves where it stands."""
+    words, s, prior = at.words, share * lead.at.s, _prior(at, atoms)
     at = _freed(at, s)
     bounds, linear = words.bounds(at.shooting.arm), at.linear()
     cost = linear.reduced(s).cost(linear.theta, prior)
