@@ -102,11 +102,12 @@ def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
     ("probable", "said"),
     [
         ({"payload@2": 0.97, "": 0.02}, ("payload@2",)),
-        ({"payload@2": 0.9, "": 0.09}, ()),  # an alarm needs more
+        ({"payload@2": 0.7, "": 0.3}, ("payload@2",)),
+        ({"payload@2": 0.6, "": 0.39}, ()),  # an alarm needs more
         ({"payload@2": 0.6, "stiffness@1": 0.38, "": 0.01}, ("payload@2",)),  # that there is one is in no doubt
         ({"unknown@1": 0.6, "": 0.35}, ("unknown@1",)),
         ({"unknown@1": 0.4, "payload@2": 0.3, "stiffness@1": 0.28, "": 0.02}, ("payload@2",)),  # one of two is there
-        ({"unknown@1": 0.2, "payload@2": 0.7, "": 0.1}, ()),
+        ({"unknown@1": 0.2, "payload@2": 0.45, "": 0.35}, ()),
         ({"": 0.9, "payload@2": 0.05}, ()),
     ],
 )

@@ -31,8 +31,8 @@ LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of an effect, that another one may bring which makes up for its formula
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
-DOUBT = 1 / 3  # X
-# to change a model that may be right; the level that is usual for tests
+DOUBT = 1 / 3  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
+# to change a model that may be right. Of 70 sealed logs without an effect none left less than 0.66
 
 
 @dataclass(frozen=True, eq=False)
