@@ -1,0 +1,133 @@
+"""How a fit moves: the size of unexplained torque, steps that leave less of it, when it stands, who stays in a race."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hdagen.diagnosis import fitting, scan, search
+from hdagen.diagnosis.candidates import Atom, Column, Dictionary
+from hdagen.diagnosis.evidence import TORQUES, posteriors, settled
+from hdagen.diagnosis.fitting import ENOUGH, STIFF, Fitted, advanced
+from hdagen.diagnosis.linear import Gram, Linear
+from hdagen.diagnosis.search import CLOSE, _race
+
+
+def shaken(s: float) -> Linear:
+    """Windows of noise and of torques of size ``s``, which no parameter tells."""
+    rng = np.random.default_rng(11)
+    m, k, many, rows, windows = 2, 8, 3, 60, 40
+    blocks = [rng.normal(size=(rows, m + k + many)) for _ in range(windows)]
+    left = [rng.normal(size=rows) + b[:, m : m + k] @ (s * rng.normal(size=k)) for b in blocks]
+    gram = Gram(np.stack([b.T @ b for b in blocks]), m, k)
+    z = np.stack([b.T @ r for b, r in zip(blocks, left, strict=True)])
+    return Linear(gram, z, np.array([r @ r for r in left]), np.full(windows, rows), np.zeros(many))
+
+
+@pytest.mark.parametrize("near", [0.0, 1e-3, 0.1, 3.0, 100.0])
+@pytest.mark.parametrize("true", [0.0, 0.3, 1.7])
+def test_the_size_of_unexplained_torque_is_found_from_anywhere(true: float, near: float) -> None:
+    linear, spike = shaken(true), np.full(3, 0.1)
+    best = max(posteriors(linear, spike, near), key=lambda one: one.evidence)
+    exact = max((settled(linear, spike, s) for s in TORQUES), key=lambda one: one.evidence)
+    assert best.evidence == pytest.approx(exact.evidence, abs=1e-9)
+    assert best.s == pytest.approx(true, rel=0.3, abs=0.05)
+
+
+def fit(evidence: float, ahead: float = 0.0, **more: Any) -> Any:
+    """A fit that stands at ``evidence``, of which it has not yet reached ``ahead``."""
+    score = SimpleNamespace(evidence=evidence, at=SimpleNamespace(s=0.5))
+    at: Any = more.pop("design", SimpleNamespace(shooting=None))
+    return Fitted((1,), at, score, np.zeros(1), evidence, ahead, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("ahead", "ends", "found", "tried"),
+    [
+        (0.0, {STIFF: -90.0, 1.0: -95.0}, -90.0, [STIFF]),  # the first that is better
+        (0.0, {STIFF: -103.0, 1.0: -95.0}, -95.0, [STIFF, 1.0]),
+        (0.0, {STIFF: -103.0, 1.0: -101.0}, -100.0, [STIFF, 1.0]),
+        (0.0, {STIFF: None, 1.0: None}, -100.0, [STIFF, 1.0]),
+        (40.0, {STIFF: -130.0, 1.0: -95.0}, -130.0, [STIFF]),  # better than what was reached, if not than was promised
+        (40.0, {STIFF: -141.0, 1.0: -95.0}, -95.0, [STIFF, 1.0]),
+    ],
+)
+def test_a_step_is_kept_that_beats_what_was_reached(
+    monkeypatch: pytest.MonkeyPatch, ahead: float, ends: dict[float, float | None], found: float, tried: list[float]
+) -> None:
+    at = SimpleNamespace(shooting=None)
+    begun, shares = fit(-100.0, ahead, design=at), []
+
+    def descend(design: Any, atoms: Any, score: Any, share: float) -> Any:
+        shares.append(share)
+        end = ends[share]
+        return (
+            at if end is None else SimpleNamespace(end=end, gram=Gram(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=end)
+        )
+
+    monkeypatch.setattr(fitting, "descend", descend)
+    monkeypatch.setattr(fitting, "_there", lambda shooting, words, atoms, point, near, clean: fit(point))
+    moved = advanced(begun, None)  # type: ignore[arg-type]
+    assert moved.score.evidence == found and shares == tried
+    assert moved.stands == (found == -100.0)
+    assert advanced(fit(-100.0, stands=True), None).score.evidence == -100.0  # type: ignore[arg-type]
+
+
+def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    there: Any = SimpleNamespace(gram=Gram(np.zeros((1, 1, 1)), 0, 0), shooting=0, point=0)
+    monkeypatch.setattr(fitting, "descend", lambda *given: there)
+    for gain in (0.5 * ENOUGH, 2 * ENOUGH):
+        monkeypatch.setattr(fitting, "_there", lambda *given, end=-100.0 + gain: fit(end))
+        assert advanced(fit(-100.0), None).stands == (gain < ENOUGH)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("lead", "other", "rounds"),
+    [(4.5 * CLOSE, 1.6 * CLOSE, 3), (4.5 * CLOSE, 1.4 * CLOSE, 1), (1.2 * CLOSE, 0.3 * CLOSE, 3)],
+)
+def test_who_trails_by_little_is_fitted_to_the_end(
+    monkeypatch: pytest.MonkeyPatch, lead: float, other: float, rounds: int
+) -> None:
+    """Where all are close, a third of what the best gains over none parts nobody."""
+
+    class Runner(SimpleNamespace):
+        whole, stands, excess = True, True, 1.0
+
+        def bare(self) -> Any:
+            return self
+
+    fitted: list[str] = []
+
+    def further(words: Any, say: Any, when: str, one: Any) -> Any:
+        fitted.append(one.names)
+        return one
+
+    monkeypatch.setattr(search, "_further", further)
+    ends = {"": 0.0, "leading": lead, "other": other}
+    field: Any = [Runner(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e)) for n, e in ends.items()]
+    found = _race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    assert [f.names for f in found] == ["leading", "other", ""]
+    assert fitted.count("other") == rounds
+
+
+def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
+    """Dry friction makes a small tilt no small matter; of a sine and a cosine of a known order a slope says all."""
+    names = ["tilt_x", "tilt_y", "ripple_sine_1", "ripple_cosine_1", "ripple_order_1"]
+    q = SimpleNamespace(low=-10.0, high=10.0)
+    arm = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(names, q)))
+    atoms = (
+        Atom("gravity_tilt", 0, "link", ("tilt_x", "tilt_y"), {}, True),
+        Atom("torque_ripple", 1, "motor", ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),
+    )
+    columns = tuple(Column(name, k, 0.0, 1.0, 0.05, k // 2, False) for k, name in enumerate(names[:4]))
+    words = Dictionary(atoms, columns)
+    at: Any = SimpleNamespace(
+        shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(5), begun=np.zeros((1, 2))), words=words
+    )
+    tried = [point.p[:2] for point in scan._displaced(at, words, 0, atoms[0])]
+    assert {tuple(np.sign(p)) for p in tried} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
+    assert max(np.abs(p).max() for p in tried) == max(scan.SIZES)
+    assert not scan._displaced(at, words, 1, atoms[1])
