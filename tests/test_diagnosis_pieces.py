@@ -311,8 +311,9 @@ def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
     assert sizes == sorted(sizes)
 
 
-def frozen(temperature: float, path: Path) -> calibration.Calibration:
-    content = {"schema": 1, "temperature": temperature, "seeds": [], "cases": 1, "loss_before": 1.0, "loss_after": 0.5}
+def frozen(temperature: float, path: Path, cases: int = 10**6) -> calibration.Calibration:
+    losses = {"loss_before": 1.0, "loss_after": 0.5}
+    content = {"schema": 1, "temperature": temperature, "seeds": [], "cases": cases, **losses}
     path.write_text(json.dumps({**content, "sha256": calibration.digest(content)}))
     return calibration.read(path)
 
@@ -328,6 +329,11 @@ def test_a_calibrated_probability_is_less_sure_and_keeps_its_order(tmp_path: Pat
     assert odds**4 == pytest.approx(0.7 / 0.3)
     same = frozen(1.0, tmp_path / "c.json")
     assert same.believed(0.9) == pytest.approx(0.9)
+
+
+def test_nothing_is_believed_more_than_the_cases_of_the_calibration_could_show(tmp_path: Path) -> None:
+    few = frozen(1.0, tmp_path / "c.json", cases=48)
+    assert [few.believed(p) for p in (0.3, 0.6, 0.97, 0.999, 1.0)] == pytest.approx([0.3, 0.6, 0.97, 0.98, 0.98])
 
 
 def test_the_calibration_that_comes_with_the_product_is_as_it_was_frozen(tmp_path: Path) -> None:

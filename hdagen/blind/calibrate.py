@@ -24,6 +24,7 @@ from hdagen.blind.score import Row
 from hdagen.diagnosis.calibration import CLOSEST, FROZEN, SCHEMA, Calibration, CalibrationError, digest, read
 
 _COLDEST, _HOTTEST = 0.05, 50.0  # temperatures that are tried
+_SUREST = 1.0  # the least that is frozen: no few cases make a search surer than it is itself
 _LEAST = 30  # cases
 
 
@@ -68,7 +69,7 @@ def freeze(sources: Sequence[Path], out: Path) -> Calibration:
         problems.append(f"all {len(right)} cases are {every}: no temperature is best; add harder or easier cases.")
     if problems:
         raise CalibrationError("\n".join(problems))
-    temperature = fit(log_odds, right)
+    temperature = max(fit(log_odds, right), _SUREST)
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "temperature": temperature,

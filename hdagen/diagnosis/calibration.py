@@ -1,8 +1,9 @@
 """How much of a decision's log-odds to believe: a temperature that was fitted on sealed simulated cases and frozen.
 
 A model that is not true is surer than it should be, right or wrong. The odds of the leading hypothesis are taken to the
-power 1/T, and the others share the rest as before (Guo et al., ICML 70 (2017) 1321, for two classes). The file has its
-own hash and those of its seeds, with which no check may be made.
+power 1/T (Guo et al., ICML 70 (2017) 1321, for two classes), it is believed no more than so many cases could show had
+all been right (Laplace, Essai philosophique sur les probabilités (1814), rule of succession), and the others share the
+rest as before. The file has its own hash and those of its seeds, with which no check may be made.
 """
 
 from __future__ import annotations
@@ -36,10 +37,16 @@ class Calibration:
     after: float
     digest: str
 
+    @property
+    def most(self) -> float:
+        """What so many cases could show at most, had all been right (rule of succession)."""
+        return (self.cases + 1) / (self.cases + 2)
+
     def believed(self, leading: float) -> float:
         """The probability of a leading hypothesis; one below a half is left."""
         p = min(max(leading, CLOSEST), 1.0 - CLOSEST)
-        return 1.0 / (1.0 + math.exp(-math.log(p / (1.0 - p)) / self.temperature)) if p > 0.5 else leading
+        tempered = 1.0 / (1.0 + math.exp(-math.log(p / (1.0 - p)) / self.temperature))
+        return min(tempered, self.most) if p > 0.5 else leading
 
 
 def read(path: Path = FROZEN) -> Calibration:
