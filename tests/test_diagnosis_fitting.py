@@ -10,9 +10,9 @@ import pytest
 
 from hdagen.diagnosis import fitting, scan, search
 from hdagen.diagnosis.candidates import Atom, Column, Dictionary
-from hdagen.diagnosis.evidence import TORQUES, posteriors, settled
+from hdagen.diagnosis.evidence import TORQUES, laplace, posteriors, settled
 from hdagen.diagnosis.fitting import ENOUGH, STIFF, Fitted, advanced
-from hdagen.diagnosis.linear import Gram, Linear
+from hdagen.diagnosis.linear import Gram, Linear, Reduced
 from hdagen.diagnosis.search import CLOSE, _race
 
 
@@ -131,3 +131,19 @@ def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
     assert {tuple(np.sign(p)) for p in tried} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
     assert max(np.abs(p).max() for p in tried) == max(scan.SIZES)
     assert not scan._displaced(at, words, 1, atoms[1])
+
+
+def test_what_rounding_leaves_is_no_evidence() -> None:
+    """Columns that flew apart by 10¹² noises cancel to nothing, or to less: that must not beat an honest fit."""
+    linear = shaken(0.3)
+    honest = settled(linear, np.full(3, 0.1), 0.3)
+    rng = np.random.default_rng(3)
+    wild = np.stack([a.T @ a for a in rng.normal(size=(40, 60, 3)) * [1e12, 1e12, 1.0]])
+    theta = np.array([1e3, -1e3, 0.0])
+    b = wild @ theta
+    reduced = Reduced(wild, b, b @ theta * (1.0 - 1e-15), 0.0, np.full(40, 58))
+    assert reduced.chi2(theta).min() > 1e12
+    for bounds in (None, (np.full(3, -1.0), np.full(3, 1.0))):
+        assert laplace(reduced.summed(np.ones(40)), np.full(3, 1e6), 0.3, np.ones(40), bounds, 1.0).evidence < min(
+            honest.evidence, -1e12
+        )

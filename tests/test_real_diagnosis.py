@@ -223,6 +223,7 @@ def kuka_delay(axis: int, data_dir: Path, out: Path, diagnose: Diagnose) -> floa
     return value
 
 
+@missed("axis 1: unknown 0.71, then the delay with a bias; fits of logs that leave much end 100 nats short")
 def test_a_kuka_axis_s_encoders_are_skewed(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
     assert 2.3e-3 < kuka_delay(1, data_dir, out, diagnose) < 3.6e-3
 
@@ -257,7 +258,10 @@ def test_the_double_pendulum_lacks_friction_and_a_fast_torque_loop(
 # -- PACE's case ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("encoders", ["", "motor_only", "joint_only"])
+@pytest.mark.parametrize(
+    "encoders",
+    ["", pytest.param("motor_only", marks=missed("missing compliance, but the gap falls 3.6-fold")), "joint_only"],
+)
 def test_the_leg_s_joint_is_not_rigid(encoders: str, out: Path, diagnose: Diagnose, hdagen: Callable[..., str]) -> None:
     if not (out / "log.parquet").exists():
         run("pace/make_logs.py", out)

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg
 
 from hdagen.diagnosis.candidates import SLAB, Dictionary
-from hdagen.diagnosis.linear import Linear, Reduced, Summed
+from hdagen.diagnosis.linear import ROUNDED, Linear, Reduced, Summed
 from hdagen.diagnosis.together import together
 from hdagen.plant import Array
 
@@ -132,11 +132,12 @@ def laplace(
     factor = _factor(N * V)
     covariance = scipy.linalg.cho_solve(factor, np.eye(len(spike))) * V
     mean = covariance @ b
-    cost = (summed.c + summed.log) / temperature - float(b @ mean)
+    cost = (summed.log + max(summed.c - temperature * float(b @ mean), ROUNDED * abs(summed.c))) / temperature
     if bounds is not None:
         H = N + np.diag(1.0 / spike**2)
         within = bounded(H, b, mean, bounds)
-        cost += float((within - mean) @ H @ (within - mean))
+        off = within - mean
+        cost += max(float(off @ H @ off), ROUNDED * float(np.abs(off) @ np.abs(H) @ np.abs(off)))
         mean = within
     widths = 2.0 * float(np.log(np.diagonal(factor[0])).sum())
     return Posterior(s, kappa2, mean, covariance, cost, -0.5 * (cost + widths))

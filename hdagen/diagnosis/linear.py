@@ -22,6 +22,7 @@ import numpy as np
 
 from hdagen.plant import Array
 
+ROUNDED = 1e-12  # of terms that cancel, what is left of them by rounding
 RIDGE = 1e-10  # of a first state that a window does not tell
 ROOT = 1.0  # of what a window leaves beyond chance, that its scale is: Huber's weights would be 0.5
 CHANCE = 3.0  # standard deviations of chi² that chance is granted in a window
@@ -186,8 +187,10 @@ class Reduced:
         return Summed(np.tensordot(weight, self.N, 1), weight @ self.b, float(weight @ self.c), log)
 
     def chi2(self, theta: Array) -> Array:
-        """What each window (W) leaves at θ, in units of noise, squared."""
-        return np.asarray(np.maximum(self.c - 2 * self.b @ theta + (self.N @ theta) @ theta, 0.0))
+        """What each window (W) leaves at θ, in units of noise, squared; no less than rounding leaves of its terms."""
+        told, own = self.b @ theta, (self.N @ theta) @ theta
+        rounded = ROUNDED * (np.abs(self.c) + 2 * np.abs(told) + np.abs(own))
+        return np.asarray(np.maximum(self.c - 2 * told + own, rounded))
 
     def scales(self, theta: Array) -> Array:
         """κ² of each window (W) at θ: 1, or a root of what it leaves where chance does not leave as much: with the
