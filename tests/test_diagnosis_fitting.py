@@ -37,29 +37,37 @@ def test_the_size_of_unexplained_torque_is_found_from_anywhere(true: float, near
     assert best.s == pytest.approx(true, rel=0.3, abs=0.05)
 
 
-def fit(evidence: float, ahead: float = 0.0, **more: Any) -> Any:
-    """A fit that stands at ``evidence``, of which it has not yet reached ``ahead``."""
-    score = SimpleNamespace(evidence=evidence, at=SimpleNamespace(s=0.5))
+def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) -> Any:
+    """A fit that stands at ``evidence``, of which it has not yet reached ``ahead``, with windows at ``level``."""
+    score = SimpleNamespace(evidence=evidence, at=SimpleNamespace(s=0.5, level=level))
     at: Any = more.pop("design", SimpleNamespace(shooting=None))
     return Fitted((1,), at, score, np.zeros(1), evidence, ahead, **more)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
-    ("ahead", "ends", "found", "tried"),
+    ("ahead", "level", "ends", "found", "tried"),
     [
-        (0.0, {STIFF: -90.0, 1.0: -95.0}, -90.0, [STIFF]),  # the first that is better
-        (0.0, {STIFF: -103.0, 1.0: -95.0}, -95.0, [STIFF, 1.0]),
-        (0.0, {STIFF: -103.0, 1.0: -101.0}, -100.0, [STIFF, 1.0]),
-        (0.0, {STIFF: None, 1.0: None}, -100.0, [STIFF, 1.0]),
-        (40.0, {STIFF: -130.0, 1.0: -95.0}, -130.0, [STIFF]),  # better than what was reached, if not than was promised
-        (40.0, {STIFF: -141.0, 1.0: -95.0}, -95.0, [STIFF, 1.0]),
+        (0.0, 1.0, {STIFF: -90.0, 1.0: -85.0}, -90.0, [STIFF]),  # the first that is better
+        (0.0, 1.0, {STIFF: -103.0, 1.0: -95.0}, -95.0, [STIFF, 1.0]),
+        (0.0, 1.0, {STIFF: -103.0, 1.0: -101.0}, -100.0, [STIFF, 1.0]),
+        (0.0, 1.0, {STIFF: None, 1.0: None}, -100.0, [STIFF, 1.0]),
+        (0.0, 1.0, {STIFF: -99.99, 1.0: -95.0}, -95.0, [STIFF, 1.0]),  # a little is no reason to stand
+        (0.0, 9.0, {STIFF: -90.0, 1.0: -95.0}, -95.0, [1.0]),  # where the log leaves many times its noise
+        (0.0, 9.0, {STIFF: -90.0, 1.0: -105.0}, -90.0, [1.0, STIFF]),
+        (40.0, 1.0, {STIFF: -130.0, 1.0: -145.0}, -130.0, [STIFF, 1.0]),  # better than what was reached
+        (40.0, 1.0, {STIFF: -141.0, 1.0: -145.0}, -100.0, [STIFF, 1.0]),
     ],
 )
 def test_a_step_is_kept_that_beats_what_was_reached(
-    monkeypatch: pytest.MonkeyPatch, ahead: float, ends: dict[float, float | None], found: float, tried: list[float]
+    monkeypatch: pytest.MonkeyPatch,
+    ahead: float,
+    level: float,
+    ends: dict[float, float | None],
+    found: float,
+    tried: list[float],
 ) -> None:
     at = SimpleNamespace(shooting=None)
-    begun, shares = fit(-100.0, ahead, design=at), []
+    begun, shares = fit(-100.0, ahead, level, design=at), []
 
     def descend(design: Any, atoms: Any, score: Any, share: float) -> Any:
         shares.append(share)

@@ -27,6 +27,7 @@ from hdagen.plant import Array
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 STIFF = 0.1  # of the unexplained torque where a hypothesis stands, that its steps allow first: the whole of it would
 # answer for what the parameters still lack
+LOUD = 2.0  # scale of the noise, squared, from which the whole comes first: much is left then that no parameter answers
 CHORDS = 3
 REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it stands, to which a step is held
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
@@ -180,19 +181,23 @@ def again(fit: Fitted, words: Dictionary) -> Fitted:
 
 def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis one step further, its columns made anew there: about another point those of what is tolerated tell
-    it a likelihood that is not its own. One that stands is left as it is, and stands where no step makes it better."""
+    it a likelihood that is not its own. One that stands is left as it is, and stands where no step makes it better than
+    what it has reached."""
     if fit.stands:
         return fit
-    for share in (STIFF, 1.0):
+    tried: list[Fitted] = []
+    for share in (1.0, STIFF) if fit.score.at.level > LOUD else (STIFF, 1.0):
         there = descend(fit.design, fit.atoms, fit.score, share)
-        if there is fit.design:
-            continue
-        there.gram.forget()
-        moved = _there(there.shooting, words, fit.atoms, there.point, fit.score.at.s, fit.clean)
-        gain = moved.score.evidence - fit.score.evidence
-        if gain > -fit.ahead:
-            return replace(moved, stands=abs(gain) < ENOUGH * fit.excess)
-    return replace(fit, stands=True)
+        if there is not fit.design:
+            there.gram.forget()
+            tried.append(_there(there.shooting, words, fit.atoms, there.point, fit.score.at.s, fit.clean))
+            if tried[-1].score.evidence >= fit.score.evidence + ENOUGH * fit.excess:
+                break
+    best = max(tried, key=lambda one: one.score.evidence, default=fit)
+    gain = best.score.evidence - fit.score.evidence
+    if best is fit or gain <= -fit.ahead:
+        return replace(fit, stands=True)
+    return replace(best, stands=abs(gain) < ENOUGH * fit.excess)
 
 
 def _there(

@@ -1,8 +1,9 @@
 """Which ripple the motors show: the order at which the torque that nothing explains goes with the motor's angle.
 
 Cogging and commutation repeat a whole number of times a turn of the motor. Their order cannot be found by small steps
-from another, so it is read off before the search: base parameters refitted, the smoothed unexplained torque of each
-part of a window is compared with the mean of the sine and the cosine over the rows of that part.
+from another, so it is read off before the search: none of the effects meant and all of them tolerated, the smoothed
+unexplained torque of each part of a window is compared with the mean of the sine and the cosine over the rows of that
+part. Where small amounts of the others were not tolerated, they would hide it.
 """
 
 from __future__ import annotations
@@ -24,16 +25,15 @@ CLEAR = 12.0  # gain of the best order over the usual one, in standard errors sq
 KEPT = 3  # orders that are tried
 
 
-def with_orders(shooting: Shooting, words: Dictionary, suggested: Suggested) -> Suggested:
-    """``suggested`` with the orders that the log shows first."""
+def with_orders(shooting: Shooting, words: Dictionary, start: Point, suggested: Suggested) -> Suggested:
+    """``suggested`` with the orders that the log shows first, ``start`` being where hypotheses begin."""
     arm = shooting.arm
     names = [f"ripple_order_{j}" for j in range(1, arm.n + 1)]
     if not any(name in arm.parameters.described for name in names):
         return suggested
-    at = design(shooting, words.base, Point(*shooting.begin()))
-    fit = begun(at, words.base, (), 1.0)
+    fit = begun(design(shooting, words.focused(()), start), words, (), 1.0)
     for _ in range(ROUNDS):
-        fit = advanced(fit, words.base)
+        fit = advanced(fit, words)
     shapes = dict(suggested.shapes)
     for j, name in enumerate(names, 1):
         if name in arm.parameters.described:

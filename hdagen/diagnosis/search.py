@@ -53,7 +53,8 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     stand; then sets."""
     say("what the log suggests")
     hints = suggested(shooting.arm, shooting.record)
-    words = dictionary(shooting.arm, with_orders(shooting, dictionary(shooting.arm, hints), hints))
+    plain = dictionary(shooting.arm, hints)
+    words = dictionary(shooting.arm, with_orders(shooting, plain, first(shooting, plain), hints))
     say(f"screening {len(words.atoms)} candidates")
     at = design(shooting, words, first(shooting, words))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
