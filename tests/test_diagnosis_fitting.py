@@ -92,6 +92,17 @@ def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -
         assert advanced(fit(-100.0), None).stands == (gain < ENOUGH)  # type: ignore[arg-type]
 
 
+def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step may end where a linear model promises much that the steps after it do not come to."""
+    way = iter([(-95.0, 3.0), (-40.0, 200.0), (-60.0, 190.0)])
+    monkeypatch.setattr(search, "advanced", lambda one, words: fit(*next(way)))
+    found = search._on(fit(-100.0, 1.0), None, 3, 1.0)  # type: ignore[arg-type]
+    assert (found.score.evidence, found.reached) == (-95.0, -98.0)
+    realised = iter([(-40.0, 200.0), (-41.0, 10.0), (-41.0, 0.5), (-41.0, 0.5)])
+    monkeypatch.setattr(search, "advanced", lambda one, words: fit(*next(realised)))
+    assert search._on(fit(-100.0), None, 8, 1.0).reached == -41.5  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("lead", "other", "rounds"),
     [(4.5 * CLOSE, 1.6 * CLOSE, 3), (4.5 * CLOSE, 1.4 * CLOSE, 1), (1.2 * CLOSE, 0.3 * CLOSE, 3)],
@@ -115,7 +126,9 @@ def test_who_trails_by_little_is_fitted_to_the_end(
 
     monkeypatch.setattr(search, "_further", further)
     ends = {"": 0.0, "leading": lead, "other": other}
-    field: Any = [Runner(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e)) for n, e in ends.items()]
+    field: Any = [
+        Runner(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()
+    ]
     found = _race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", "other", ""]
     assert fitted.count("other") == rounds

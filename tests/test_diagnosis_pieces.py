@@ -12,7 +12,7 @@ import pytest
 from test_diagnosis import problem
 
 from hdagen.diagnosis import calibration, search
-from hdagen.diagnosis.candidates import PRESENT, SPIKE, Atom
+from hdagen.diagnosis.candidates import PRESENT, SHARES, Atom
 from hdagen.diagnosis.decide import Hypothesis, _decided, _strange, least
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import laplace, settled
@@ -73,13 +73,13 @@ def free(*spikes: float) -> Any:
 
 
 def test_what_the_robot_files_tolerance_allows_is_no_effect() -> None:
-    assert least(free(SPIKE, 0.34)) == {"payload@1": PRESENT, "payload@2": pytest.approx(0.68)}
+    assert least(free(SHARES[0], 0.34)) == {"payload@1": PRESENT, "payload@2": pytest.approx(0.68)}
 
 
 @pytest.mark.parametrize("unit, width", [("N m/rad", 90.0), ("N m s/rad", 90.0), ("N m", 1.0), ("1", 1.0)])
 def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width: float) -> None:
     words = SimpleNamespace(
-        spike=np.full(2, SPIKE),
+        spike=np.full(2, SHARES[0]),
         columns=[SimpleNamespace(index=0), SimpleNamespace(index=1)],
         free=lambda atoms: np.array([1]),
         theta=lambda p: np.array([3.0, 90.0]),
@@ -87,7 +87,7 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
     described = {"mass_1": SimpleNamespace(unit="kg"), "amplitude": SimpleNamespace(unit=unit)}
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
     at: Any = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
-    np.testing.assert_allclose(_prior(at, (0,)), [SPIKE, width])
+    np.testing.assert_allclose(_prior(at, (0,)), [SHARES[0], width])
 
 
 def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
@@ -133,7 +133,7 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
             return self
 
     def fit(atoms: tuple[int, ...], evidence: float) -> Any:
-        return Fit(atoms=atoms, score=SimpleNamespace(evidence=evidence))
+        return Fit(atoms=atoms, score=SimpleNamespace(evidence=evidence), reached=evidence)
 
     moved: list[tuple[int, ...]] = []
 
@@ -147,7 +147,7 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
     assert [(f.atoms, f.score.evidence) for f in found] == [((), -100), ((1,), -103), ((), -112), ((2,), -130)]
     assert set(moved) == {(), (1,)}
     assert search._contested([far, lead], None, print) == [lead, far]  # type: ignore[arg-type]
-    bare: Any = Fit(atoms=(3,), score=SimpleNamespace(evidence=-101.0), whole=False, stands=True)
+    bare: Any = Fit(atoms=(3,), score=SimpleNamespace(evidence=-101.0), reached=-101.0, whole=False, stands=True)
     monkeypatch.setattr(search, "again", lambda one, words: fit(one.atoms, one.score.evidence))
     monkeypatch.setattr(search, "advanced", lambda one, words: one)
     assert first_whole(search._contested([far, lead, bare], None, print)).atoms == (3,)  # type: ignore[arg-type]
@@ -292,8 +292,8 @@ def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
 def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -> Any:
     """A fit that leaves that much, of the torque, and of the evidence unless that is given."""
     at = SimpleNamespace(s=s, level=level)
-    score = SimpleNamespace(at=at, evidence=-100.0 * (left if lacks is None else lacks))
-    return SimpleNamespace(score=score, clean=0.0, unexplained=np.array([left, 0.0]))
+    reached = -100.0 * (left if lacks is None else lacks)
+    return SimpleNamespace(score=SimpleNamespace(at=at), reached=reached, clean=0.0, unexplained=np.array([left, 0.0]))
 
 
 def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:

@@ -8,7 +8,7 @@ import pytest
 from compiled import Compiled
 from test_shooting import shooting
 
-from hdagen.diagnosis.candidates import SPIKE, TOLERATED, dictionary
+from hdagen.diagnosis.candidates import SHARES, TOLERATED, dictionary
 from hdagen.diagnosis.design import TEMPERATURE, Point, design
 from hdagen.diagnosis.fitting import Fitted, advanced, begun, instead
 from hdagen.diagnosis.starts import suggested
@@ -38,8 +38,8 @@ def test_what_was_let_go_of_tells_what_it_told(fit: Fitted, excess: float) -> No
         assert bare.evidence(excess * TEMPERATURE, atoms) == fit.evidence(excess * TEMPERATURE, atoms)
 
 
-def test_the_evidence_is_the_scores_at_the_temperature_of_the_fit(fit: Fitted) -> None:
-    assert fit.evidence(TEMPERATURE) == pytest.approx(fit.score.evidence, rel=1e-9)
+def test_the_evidence_is_what_is_reached_at_the_temperature_of_the_fit(fit: Fitted) -> None:
+    assert fit.evidence(TEMPERATURE) == pytest.approx(fit.reached, rel=1e-9)
     values = [fit.evidence(t * TEMPERATURE) for t in (1.0, 2.0, 4.0)]
     assert values == sorted(values)
 
@@ -55,4 +55,4 @@ def test_another_effect_begins_where_the_linear_model_has_it(fit: Fitted) -> Non
     for c in at.words.columns:
         if c.atom in fit.atoms and c.spike < 1.0:
             off = found.design.point.p[c.index] - c.center
-            assert abs(off) <= TOLERATED * SPIKE * abs(c.unit) * (1 + 1e-9)
+            assert abs(off) <= TOLERATED * SHARES[0] * abs(c.unit) * (1 + 1e-9)

@@ -2,7 +2,7 @@
 
 Sizes are counted in what is usual: θ = (value − centre) / unit, the unit being the effect's typical size (which gen's
 effect states with a source). A base parameter that is no effect's has its tolerance as unit. No effect is ever exactly
-absent: its size is within a small share of the usual one (SPIKE), or it is free (SLAB).
+absent: its size is within a small share of the usual one (SHARES), or it is free (SLAB).
 
 Legend: an atom is an effect on a joint with its shape parameters at one of their starts.
 """
@@ -19,7 +19,8 @@ import numpy as np
 from hdagen.diagnosis.starts import Suggested
 from hdagen.plant import Arm, Array
 
-SPIKE = 0.05  # standard deviation of the size of an effect that is not meant, in usual sizes
+SHARES = 0.05, 0.025, 0.0125  # standard deviation of the size of an effect that is not meant, in usual sizes: the first
+# until a log says how little of everything it has
 TOLERATED = 3.0  # standard deviations that such an effect has at most: with more it is present
 SLAB = 1.0  # of one that is
 FELT = 0.3  # of that standard deviation, from which its shapes are fitted
@@ -93,11 +94,13 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Dictionary:
-    """All atoms and columns of a model."""
+    """All atoms and columns of a model; ``meant``: names of the atoms that are free; ``share``: of the usual sizes, to
+    which the others are tolerated."""
 
     atoms: tuple[Atom, ...]
     columns: tuple[Column, ...]
-    meant: frozenset[str] = frozenset()  # names of the atoms that are free
+    meant: frozenset[str] = frozenset()
+    share: float = SHARES[0]
 
     @property
     def spike(self) -> Array:
@@ -115,6 +118,15 @@ class Dictionary:
             ends.append((max(low, -most), min(high, most)))
         low, high = np.array(ends).T
         return low, high
+
+    def sharing(self, share: float) -> Dictionary:
+        """The same with what is not meant tolerated to another share."""
+        wider = share**2 - self.share**2
+        columns = tuple(
+            c if c.atom < 0 or c.spike <= SILENT else replace(c, spike=math.sqrt(c.spike**2 + wider))
+            for c in self.columns
+        )
+        return replace(self, columns=columns, share=share)
 
     def meaning(self, atoms: tuple[int, ...]) -> Dictionary:
         """The same columns where only these atoms are meant."""
@@ -141,7 +153,7 @@ class Dictionary:
     @property
     def base(self) -> Dictionary:
         """The columns that every hypothesis refits, alone."""
-        return Dictionary(self.atoms, tuple(c for c in self.columns if c.base))
+        return replace(self, columns=tuple(c for c in self.columns if c.base), meant=frozenset())
 
     def focused(self, atoms: tuple[int, ...], every: bool = False) -> Dictionary:
         """The columns of one hypothesis: of its effects its own atoms, of the others the first (all with ``every``)."""
@@ -154,7 +166,7 @@ class Dictionary:
                 own = c.atom in atoms
                 first = next((d.spike for d in self.columns if d.parameter == c.parameter), c.spike)
                 columns.append(replace(c, spike=first) if own else c)
-        return Dictionary(self.atoms, tuple(columns), frozenset(meant))
+        return replace(self, columns=tuple(columns), meant=frozenset(meant))
 
     def about(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> Dictionary:
         """`focused`, about where the hypothesis stands in ``p``: its sizes by small steps, with its shapes free, and
@@ -175,7 +187,7 @@ class Dictionary:
             broad = max(SHAPE * abs(value), LEAST * (q.high - q.low)) if q.low >= 0 else 0.1 * (q.high - q.low) / 2
             unit = WALL if name.startswith(("contact_above", "contact_below")) else broad
             columns.append(Column(name, names.index(name), value, unit, 1.0, -1, True, NEAR))
-        return Dictionary(self.atoms, tuple(columns), focus.meant)
+        return replace(focus, columns=tuple(columns))
 
 
 def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
@@ -215,7 +227,7 @@ def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, suggested:
     unit = suggested.units.get(name, float(q["typical"]))
     # an effect's own amplitude that cannot be 0 is absent at its lowest
     nominal = float(q["low"]) if not base and q["low"] > 0 else float(q["nominal"])
-    spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SPIKE) if first else SILENT
+    spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SHARES[0]) if first else SILENT
     step = suggested.sizes[name] / unit if name in suggested.sizes else STEP
     seen = (suggested.seen[name] - nominal) / unit if first and name in suggested.seen else 0.0
     return Column(name, index, nominal, unit, spike, atom, base and first, step, seen)

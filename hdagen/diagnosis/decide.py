@@ -152,7 +152,7 @@ def _strange(left: Fitted, none: Fitted) -> float:
     """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named tell
     little of what none leaves, neither of the evidence, which is logarithmic in a large error, nor of the torque, which
     is not what a saturation or an encoder lacks. A real machine always leaves something."""
-    lacks = [max(fit.clean - fit.score.evidence, LEAST) for fit in (left, none)]
+    lacks = [max(fit.clean - fit.reached, LEAST) for fit in (left, none)]
     torques = [max(float(np.linalg.norm(fit.unexplained)), LEAST) for fit in (left, none)]
     size = min(max(torques[0] / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]), PLAIN)
     share = min(lacks[0] / lacks[1], torques[0] / torques[1], 1.0)

@@ -83,6 +83,13 @@ class Design:
             self.shooting, self.words, self.point, self.columns[:, :0].copy(), self.residual[:0].copy(), self.k
         )
 
+    def sharing(self, share: float) -> Design:
+        """The same with what is not meant tolerated to another share."""
+        other = replace(self, words=self.words.sharing(share))
+        if self.residual.size:
+            other.__dict__["gram"] = self.gram
+        return other
+
     def moved(self, point: Point) -> Design:
         """The same columns with the residual of another point."""
         return self.seen(point, self.shooting.predict(Lane(point.p, point.begun)))
@@ -128,7 +135,7 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
     """The columns of ``at`` that ``words`` names, at the point of ``nearer`` with those columns that it has itself."""
     head = at.shooting.m + at.k
     kept = {(c.parameter, c.atom): head + i for i, c in enumerate(at.words.columns)}
-    words = Dictionary(words.atoms, tuple(c for c in words.columns if (c.parameter, c.atom) in kept), words.meant)
+    words = replace(words, columns=tuple(c for c in words.columns if (c.parameter, c.atom) in kept))
     old = [*range(head), *(kept[c.parameter, c.atom] for c in words.columns)]
     if nearer is None:
         made = Design(at.shooting, words, at.point, at.columns[old], at.residual, at.k)

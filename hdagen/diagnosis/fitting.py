@@ -64,6 +64,12 @@ class Fitted:
         """Its own atoms, and those of the hypotheses that have fewer of them."""
         return [some for count in range(len(self.atoms) + 1) for some in combinations(self.atoms, count)]
 
+    @property
+    def reached(self) -> float:
+        """Log evidence that it has where it is; `score` has what its linear model promises nearby, which the next step
+        comes to or not."""
+        return self.score.evidence - self.ahead
+
     def evidence(self, temperature: float, atoms: tuple[int, ...] | None = None) -> float:
         """Log evidence where the likelihood counts as its root of order ``temperature``; of the hypothesis with some of
         its ``atoms`` where this one stands, the others being tolerated there: it could stand there, too, as far as the
@@ -97,7 +103,7 @@ class Fitted:
     def _overrated(self) -> dict[tuple[int, ...], float]:
         """By how much the linear model promises too little of minus twice the log posterior where a hypothesis with
         fewer atoms would stand: without what is large it is no model of theirs."""
-        found = {self.atoms: 0.0}
+        found = {self.atoms: 2.0 * self.ahead}
         linear, s = self.design.linear(), self.score.at.s
         reduced = linear.reduced(s)
         for atoms in self.lesser[:-1]:
@@ -115,7 +121,7 @@ class Fitted:
     @property
     def excess(self) -> float:
         """That root in multiples of the least."""
-        return max(1.0, (self.clean - self.score.evidence) / DEPENDENT)
+        return max(1.0, (self.clean - self.reached) / DEPENDENT)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -179,6 +185,18 @@ def again(fit: Fitted, words: Dictionary) -> Fitted:
     return _there(fit.design.shooting, words, fit.atoms, fit.design.point, fit.score.at.s, fit.clean)
 
 
+def sharing(fit: Fitted, share: float) -> Fitted:
+    """A hypothesis where it is, what it does not mean tolerated to another share: of one without its columns what they
+    told, and what it lacks is the same."""
+    at = fit.design.sharing(share)
+    if fit.kept is None:
+        return _scored(at, fit.atoms, fit.score.at.s)
+    other = replace(fit, design=at, stands=False)
+    found = other._without(fit.kept[0], fit.atoms, TEMPERATURE)
+    evidence = found.worth(_prior(at, fit.atoms), at.words.own(fit.atoms))
+    return replace(other, score=Scored(fit.atoms, evidence, found), clean=fit.clean + evidence - fit.score.evidence)
+
+
 def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis one step further, its columns made anew there: about another point those of what is tolerated tell
     it a likelihood that is not its own. One that stands is left as it is, and stands where no step makes it better than
@@ -195,7 +213,7 @@ def advanced(fit: Fitted, words: Dictionary) -> Fitted:
                 break
     best = max(tried, key=lambda one: one.score.evidence, default=fit)
     gain = best.score.evidence - fit.score.evidence
-    if best is fit or gain <= -fit.ahead:
+    if best is fit or best.score.evidence <= fit.reached:
         return replace(fit, stands=True)
     return replace(best, stands=abs(gain) < ENOUGH * fit.excess)
 

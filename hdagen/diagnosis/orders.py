@@ -1,9 +1,9 @@
 """Which ripple the motors show: the order at which the torque that nothing explains goes with the motor's angle.
 
 Cogging and commutation repeat a whole number of times a turn of the motor. Their order cannot be found by small steps
-from another, so it is read off before the search: none of the effects meant and all of them tolerated, the smoothed
-unexplained torque of each part of a window is compared with the mean of the sine and the cosine over the rows of that
-part. Where small amounts of the others were not tolerated, they would hide it.
+from another, so it is read off before the search: none of the effects meant and all of them tolerated (small amounts
+of them would hide it), the smoothed unexplained torque of each part of a window is compared with the mean of the sine
+and the cosine over the rows of that part.
 """
 
 from __future__ import annotations
@@ -12,33 +12,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import Dictionary
-from hdagen.diagnosis.design import Point, design, knots
-from hdagen.diagnosis.fitting import Fitted, advanced, begun
+from hdagen.diagnosis.design import knots
+from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested
 from hdagen.plant import Array
 
 ORDERS = np.arange(1, 97)
-ROUNDS = 2
 CLEAR = 12.0  # gain of the best order over the usual one, in standard errors squared, from which it is taken
 KEPT = 3  # orders that are tried
 
 
-def with_orders(shooting: Shooting, words: Dictionary, start: Point, suggested: Suggested) -> Suggested:
-    """``suggested`` with the orders that the log shows first, ``start`` being where hypotheses begin."""
-    arm = shooting.arm
-    names = [f"ripple_order_{j}" for j in range(1, arm.n + 1)]
-    if not any(name in arm.parameters.described for name in names):
-        return suggested
-    fit = begun(design(shooting, words.focused(()), start), words, (), 1.0)
-    for _ in range(ROUNDS):
-        fit = advanced(fit, words)
-    shapes = dict(suggested.shapes)
-    for j, name in enumerate(names, 1):
+def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
+    """``suggested`` with the orders that the log shows first; ``nothing``: no effect meant, where that stands."""
+    arm, shapes = nothing.design.shooting.arm, dict(suggested.shapes)
+    for j in range(1, arm.n + 1):
+        name = f"ripple_order_{j}"
         if name in arm.parameters.described:
             usual = arm.parameters.described[name].starts
-            shapes[name] = tuple(dict.fromkeys((*_orders(fit, j), *usual)))[: KEPT + 1]
+            shapes[name] = tuple(dict.fromkeys((*_orders(nothing, j), *usual)))[: KEPT + 1]
     return replace(suggested, shapes=shapes)
 
 

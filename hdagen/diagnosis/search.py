@@ -8,16 +8,17 @@ from functools import partial
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.candidates import SHARES, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
-from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened
+from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened, sharing
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.diagnosis.together import together
 
+LOOKS = 2  # steps of a first look
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
@@ -53,8 +54,8 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     stand; then sets."""
     say("what the log suggests")
     hints = suggested(shooting.arm, shooting.record)
-    plain = dictionary(shooting.arm, hints)
-    words = dictionary(shooting.arm, with_orders(shooting, plain, first(shooting, plain), hints))
+    nothing = _nothing(shooting, dictionary(shooting.arm, hints))
+    words = dictionary(shooting.arm, with_orders(nothing, hints)).sharing(nothing.design.words.share)
     say(f"screening {len(words.atoms)} candidates")
     at = design(shooting, words, first(shooting, words))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
@@ -69,12 +70,36 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     return Search(words, tuple(raced(at, words, field, say)), tuple(screened))
 
 
+def _nothing(shooting: Shooting, words: Dictionary) -> Fitted:
+    """No effect meant, after a few steps, all tolerated to the share under which that is most probable: where none
+    leaves little, what is not there cannot be large."""
+    fit = begun(design(shooting, words.focused(()), first(shooting, words)), words, (), 1.0)
+    for _ in range(LOOKS):
+        fit = advanced(fit, words)
+    return _likeliest(fit)
+
+
+def _likeliest(fit: Fitted) -> Fitted:
+    """A hypothesis with all that it does not mean tolerated to the share under which that is most probable."""
+    return max((sharing(fit, share) for share in SHARES), key=lambda one: one.score.at.evidence)
+
+
+def _shared(fitted: list[Fitted], words: Dictionary) -> tuple[list[Fitted], Dictionary]:
+    """The same with all tolerated to the share that is the best's, and the words for that."""
+    share = _likeliest(first_whole(fitted)).design.words.share
+    if share == words.share:
+        return fitted, words
+    words = words.sharing(share)
+    again = (sharing(fit, share) for fit in fitted)
+    return _promising_first([_on(fit, words, LONGEST, 1.0) if fit.whole else fit for fit in again]), words
+
+
 def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str], None]) -> list[Fitted]:
     """The hypotheses of ``field``, which is used up, fitted, and those with one more effect beside the best as long as
     that gets better; the best first, the others without their columns. Where the best leaves much, one more effect is
     tried beside the next best, too: of two effects the one that seems the larger may be a third one that stands in for
     both."""
-    fitted = _race(field, words, FIELD, say)
+    fitted, words = _shared(_race(field, words, FIELD, say), words)
     lead = first_whole(fitted)
     leads = [lead, *[f for f in fitted if f is not lead and f.whole and f.atoms and _much(lead, fitted)][:1]]
     while len(leads[0].atoms) < MOST:
@@ -82,9 +107,9 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
         further = [fit for lead in leads for fit in _beside(at, words, lead)]
         leads, fitted = [], _bare(fitted)
         if further:
-            fitted = _ordered([*fitted, *_race(further, words, FURTHER, say)])
+            fitted, words = _shared(_promising_first([*fitted, *_race(further, words, FURTHER, say)]), words)
         lead = first_whole(fitted)
-        if lead is before:
+        if lead.names == before.names:
             break
         leads, fitted = [lead], _bare(fitted)
     fewer = [atoms for atoms in lead.lesser if len(atoms) in {0, len(lead.atoms) - 1} - {len(lead.atoms)}]
@@ -98,7 +123,7 @@ def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tu
     than they came to where they were fitted, the most promising first; before them the lead's with a twin."""
     known: dict[tuple[str, ...], float] = {}
     for fit in fitted:
-        known[fit.names] = max(fit.score.evidence, known.get(fit.names, -np.inf))
+        known[fit.names] = max(fit.reached, known.get(fit.names, -np.inf))
     here = sorted({c.atom for c in lead.design.words.columns} - {-1, *lead.atoms})
     found = []
     for one in lead.atoms:
@@ -108,7 +133,7 @@ def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tu
             twin = words.atoms[k].twin(words.atoms[one])
             promise = np.inf if twin else lead.promised((*rest, k))
             names = tuple(sorted(words.atoms[i].name for i in (*rest, k)))
-            if promise > max(known.get(names, -np.inf), lead.score.evidence - ALIKE * lead.excess, alone):
+            if promise > max(known.get(names, -np.inf), lead.reached - ALIKE * lead.excess, alone):
                 found.append((promise, (*rest, k)))
     return [atoms for _, atoms in sorted(found, reverse=True)[:MOST_ALIKE]]
 
@@ -116,8 +141,8 @@ def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tu
 def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]) -> list[Fitted]:
     """The same, those that are close to the best each where it stands in the end: what is close is not decided by who
     was left on the way. The best first."""
-    ordered = _ordered(fits)
-    least = ordered[0].score.evidence - CLOSE * ordered[0].excess
+    ordered = _best_first(fits)
+    least = ordered[0].reached - CLOSE * ordered[0].excess
     best: dict[tuple[int, ...], Fitted] = {}  # each set where it is best
     for fit in ordered:
         if fit.score.evidence >= least:
@@ -130,17 +155,19 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
     done = [fit for fit in close[1:] if fit.stands]  # the best is needed with its columns
     whole = together(lambda fit: fit if fit.whole or fit in done else again(fit, words), close)
     stood = together(lambda fit: _on(fit, words, STEPS, ENOUGH), whole)
-    return _bare(_ordered([*stood, *rest]))
+    return _bare(_best_first([*stood, *rest]))
 
 
 def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
     """A hypothesis that goes on for so many steps, as long as one brings ``enough`` temperatures of log evidence."""
+    best = fit
     for _ in range(steps):
-        further = advanced(fit, words)
-        before, fit = fit, max(fit, further, key=lambda one: one.score.evidence)
-        if further.score.evidence < before.score.evidence + enough * before.excess:
+        before, fit = fit, advanced(fit, words)
+        gain = max(fit.score.evidence - before.score.evidence, fit.reached - best.reached)
+        best = max(best, fit, key=lambda one: one.reached)
+        if gain < enough * best.excess:
             break
-    return fit
+    return best
 
 
 def _from(lead: Fitted, words: Dictionary, say: Callable[[str], None], begin: Begin) -> Fitted:
@@ -155,7 +182,7 @@ def _from(lead: Fitted, words: Dictionary, say: Callable[[str], None], begin: Be
 def _much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
     """Whether the best leaves much of what none does."""
     none = next((f for f in fitted if not f.atoms), lead)
-    return lead.clean - lead.score.evidence > MUCH * (none.clean - none.score.evidence)
+    return lead.clean - lead.reached > MUCH * (none.clean - none.reached)
 
 
 def first(shooting: Shooting, words: Dictionary) -> Point:
@@ -213,7 +240,7 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     out: list[Fitted] = []
     for number in range(1, len(sizes) + 1):
         given = (field.pop(0) for _ in range(len(field)))  # each is let go of as soon as it has moved
-        moved = _ordered(together(partial(_further, words, say, f"round {number} of {len(sizes)}"), given))
+        moved = _promising_first(together(partial(_further, words, say, f"round {number} of {len(sizes)}"), given))
         after = sizes[number] if number < len(sizes) else len(moved)
         none = next((f.score.evidence for f in moved if not f.atoms), None)
         least = -np.inf if none is None else none + TRAILING * (moved[0].score.evidence - none)
@@ -221,12 +248,12 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
         field = [f for place, f in enumerate(moved) if not f.atoms or (place < after and f.score.evidence >= least)]
         out += [f.bare() for f in moved if f not in field]
         del moved
-    best = [f for place, f in enumerate(_ordered(field)) if not f.atoms or place < SETTLING]
+    best = [f for place, f in enumerate(_promising_first(field)) if not f.atoms or place < SETTLING]
     rest = [f for f in field if f not in best]
     hopeless = best[0].score.evidence - HOPELESS * best[0].excess
     rest += [f for f in best if f.score.evidence < hopeless]
     settled = together(lambda f: _on(f, words, LONGEST, 1.0), [f for f in best if f not in rest])
-    return _ordered([*out, *rest, *settled])
+    return _promising_first([*out, *rest, *settled])
 
 
 def _further(words: Dictionary, say: Callable[[str], None], when: str, fit: Fitted) -> Fitted:
@@ -274,5 +301,11 @@ def _bare(fits: Sequence[Fitted]) -> list[Fitted]:
     return [fit if fit is best else fit.bare() for fit in fits]
 
 
-def _ordered(fits: Sequence[Fitted]) -> list[Fitted]:
+def _promising_first(fits: Sequence[Fitted]) -> list[Fitted]:
+    """On their way, by what the next step may reach."""
     return sorted(fits, key=lambda f: -f.score.evidence)
+
+
+def _best_first(fits: Sequence[Fitted]) -> list[Fitted]:
+    """In the end, by what they have reached."""
+    return sorted(fits, key=lambda f: -f.reached)

@@ -38,7 +38,7 @@ def with_springs(
     _narrowed(flexible)
     say("a spring in what the robot file calls rigid")
     shooting = Shooting(flexible, record(flexible, Portion(seen.log, seen.shown), window), STEP)
-    words = dictionary(flexible, suggested(flexible, shooting.record))
+    words = dictionary(flexible, suggested(flexible, shooting.record)).sharing(found.words.share)
     atoms = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
     own = [c for c in words.columns if c.atom in atoms]
     field: list[Fitted] = []
@@ -49,9 +49,9 @@ def with_springs(
         at = design(shooting, words, Point(p, shooting.begun(p)))
         field.append(begun(at, words, atoms, found.fitted[0].score.at.s))
     fits = raced(at, words, field, say)
-    best = max((fit for fit in (*found.fitted, *fits) if fit.whole), key=lambda fit: fit.score.evidence)
+    best = max((fit for fit in (*found.fitted, *fits) if fit.whole), key=lambda fit: fit.reached)
     whole = [fit if fit is best else fit.bare() for fit in (*found.fitted, *fits)]
-    return replace(found, fitted=tuple(sorted(whole, key=lambda fit: -fit.score.evidence)))
+    return replace(found, fitted=tuple(sorted(whole, key=lambda fit: -fit.reached)))
 
 
 def _narrowed(flexible: Arm) -> None:

@@ -1,0 +1,82 @@
+"""How little of everything a log has, and which ripple is in it though it has a little of everything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from compiled import Compiled
+from replayed import FLEXIBLE, simulated
+
+from hdagen.diagnosis.candidates import SHARES, dictionary
+from hdagen.diagnosis.design import TEMPERATURE
+from hdagen.diagnosis.fitting import Fitted, sharing
+from hdagen.diagnosis.orders import with_orders
+from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.record import record
+from hdagen.diagnosis.search import _nothing
+from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.starts import Suggested, suggested
+from hdagen.plant import Arm
+
+Builder = Callable[..., Compiled]
+EFFECTS = ("torque_ripple", "cable_spring", "current_bias", "encoder_eccentricity", "asymmetric_friction", "stiffness")
+ORDER, RIPPLE = 9.0, 1.0  # and its size, usual ones
+
+
+def none(build: Builder, share: float, ripple: float = 0.0) -> tuple[Fitted, Suggested]:
+    """No effect meant, fitted to a log with every effect at ``share`` of its usual size, to one side or the other."""
+    arm = Arm(build(FLEXIBLE, effects=EFFECTS).folder)
+    words = dictionary(arm, Suggested({}, {}, {}))
+    rng, own = np.random.default_rng(5), arm.p
+    truth, names = own.copy(), list(arm.parameters.described)
+    for c in words.columns:
+        if c.atom >= 0 and words.atoms[c.atom].first:
+            truth[c.index] = c.center + share * rng.choice([-1.0, 1.0]) * c.unit
+    truth[names.index("ripple_order_1")] = ORDER
+    truth[names.index("ripple_sine_1")] += ripple * arm.parameters.described["ripple_sine_1"].typical
+    arm._prepare(truth)
+    log = simulated(arm)
+    arm._prepare(own)
+    shooting = Shooting(arm, record(arm, Portion(log, np.ones(len(log), bool)), 0.05))
+    hints = suggested(arm, shooting.record)
+    return _nothing(shooting, dictionary(arm, hints)), hints
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.0, SHARES[-1:]), (SHARES[0], SHARES[:2])])
+def test_a_log_says_how_little_of_everything_it_has(build: Builder, share: float, found: tuple[float, ...]) -> None:
+    fit = none(build, share)[0]
+    assert fit.design.words.share in found
+    each = {s: sharing(fit, s).score.at.evidence for s in SHARES}
+    assert max(each, key=lambda s: each[s]) == fit.design.words.share
+
+
+def test_a_ripple_s_order_is_found_though_a_little_of_everything_is_there(build: Builder) -> None:
+    fit, hints = none(build, 0.5 * SHARES[0], RIPPLE)
+    usual = fit.design.shooting.arm.parameters.described["ripple_order_1"].starts
+    assert ORDER not in usual
+    assert with_orders(fit, hints).shapes["ripple_order_1"][0] == ORDER
+    calm, hints = none(build, 0.0)
+    assert ORDER not in with_orders(calm, hints).shapes["ripple_order_1"]
+
+
+def test_another_share_is_the_same_there_and_back_with_or_without_columns(build: Builder) -> None:
+    fit = none(build, SHARES[0])[0]
+    words = fit.design.words
+    there = words.sharing(SHARES[-1])
+    assert there.share == SHARES[-1] and (there.spike <= words.spike).all() and (there.spike < words.spike).any()
+    np.testing.assert_allclose(there.sharing(words.share).spike, words.spike, rtol=1e-9)
+    rest = [c for c in words.columns if c.atom < 0]
+    assert [c for c in there.columns if c.atom < 0] == rest
+    for share in SHARES:
+        whole, bare = sharing(fit, share), sharing(fit.bare(), share)
+        assert whole.whole and not bare.whole and bare.design.words.share == share
+        assert bare.clean - bare.score.evidence == pytest.approx(fit.clean - fit.score.evidence, abs=1e-6)
+        s, kappa2 = whole.score.at.s, whole.score.at.kappa2
+        if share == words.share:
+            assert whole.score.evidence == pytest.approx(fit.score.evidence, abs=0.5)
+            assert bare.score.evidence == pytest.approx(fit.score.evidence, abs=1e-6)
+        elif s == fit.score.at.s:
+            assert bare.score.evidence == pytest.approx(whole.score.evidence, abs=2.0)
+        assert kappa2.shape == fit.score.at.kappa2.shape and whole.evidence(TEMPERATURE) == pytest.approx(whole.reached)
