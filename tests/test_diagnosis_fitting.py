@@ -47,15 +47,16 @@ def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) ->
 @pytest.mark.parametrize(
     ("ahead", "level", "ends", "found", "tried"),
     [
-        (0.0, 1.0, {STIFF: -90.0, 1.0: -85.0}, -90.0, [STIFF]),  # the first that is better
-        (0.0, 1.0, {STIFF: -103.0, 1.0: -95.0}, -95.0, [STIFF, 1.0]),
-        (0.0, 1.0, {STIFF: -103.0, 1.0: -101.0}, -100.0, [STIFF, 1.0]),
-        (0.0, 1.0, {STIFF: None, 1.0: None}, -100.0, [STIFF, 1.0]),
-        (0.0, 1.0, {STIFF: -99.99, 1.0: -95.0}, -95.0, [STIFF, 1.0]),  # a little is no reason to stand
-        (0.0, 9.0, {STIFF: -90.0, 1.0: -95.0}, -95.0, [1.0]),  # where the log leaves many times its noise
-        (0.0, 9.0, {STIFF: -90.0, 1.0: -105.0}, -90.0, [1.0, STIFF]),
+        (0.5, 1.0, {STIFF: -90.0, 1.0: -85.0}, -90.0, [STIFF]),  # the first that is better
+        (0.5, 1.0, {STIFF: -103.0, 1.0: -95.0}, -95.0, [STIFF, 1.0]),
+        (0.5, 1.0, {STIFF: -103.0, 1.0: -101.0}, -100.0, [STIFF, 1.0]),
+        (0.5, 1.0, {STIFF: None, 1.0: None}, -100.0, [STIFF, 1.0]),
+        (0.5, 1.0, {STIFF: -99.99, 1.0: -95.0}, -95.0, [STIFF, 1.0]),  # a little is no reason to stand
+        (0.5, 9.0, {STIFF: -90.0, 1.0: -95.0}, -95.0, [1.0]),  # where the log leaves many times its noise
+        (0.5, 9.0, {STIFF: -90.0, 1.0: -105.0}, -90.0, [1.0, STIFF]),
         (40.0, 1.0, {STIFF: -130.0, 1.0: -145.0}, -130.0, [STIFF, 1.0]),  # better than what was reached
         (40.0, 1.0, {STIFF: -141.0, 1.0: -145.0}, -100.0, [STIFF, 1.0]),
+        (0.05, 1.0, {STIFF: -90.0, 1.0: -85.0}, -100.0, []),  # its own linear model promises no more
     ],
 )
 def test_a_step_is_kept_that_beats_what_was_reached(
@@ -89,7 +90,7 @@ def test_a_fit_that_hardly_gets_better_stands(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(fitting, "descend", lambda *given: there)
     for gain in (0.5 * ENOUGH, 2 * ENOUGH):
         monkeypatch.setattr(fitting, "_there", lambda *given, end=-100.0 + gain: fit(end))
-        assert advanced(fit(-100.0), None).stands == (gain < ENOUGH)  # type: ignore[arg-type]
+        assert advanced(fit(-100.0, 0.5), None).stands == (gain < ENOUGH)  # type: ignore[arg-type]
 
 
 def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,6 +133,24 @@ def test_who_trails_by_little_is_fitted_to_the_end(
     found = _race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", "other", ""]
     assert fitted.count("other") == rounds
+
+
+def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted: list[str] = []
+    monkeypatch.setattr(search, "_further", lambda words, say, when, one: fitted.append(one.names) or one)
+    ends = {"": 0.0, "leading": 30 * CLOSE, "some": 4 * CLOSE, "faint": 2 * CLOSE}
+    shape = {"excess": 1.0, "whole": True, "stands": True}
+    field: Any = [
+        SimpleNamespace(
+            atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e, bare=lambda: None, **shape
+        )
+        for n, e in ends.items()
+    ]
+    for one in field:
+        one.bare = lambda one=one: one
+    found = _race(list(field), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
+    assert set(fitted) == {"", "leading", "some"}
+    assert [f.names for f in found] == ["leading", "some", "faint", ""]
 
 
 def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:

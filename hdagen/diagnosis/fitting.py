@@ -34,7 +34,7 @@ KEPT = 0.25  # of what a step promises in the linear model, from which it is far
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 FAR = 2.0  # of what noise leaves of a window in the mean, from which it is
 BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
-ENOUGH = 0.1  # of log evidence that a step must bring for another one
+ENOUGH = 0.1  # of log evidence that a step must bring, or promise, for another one
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,10 +199,12 @@ def sharing(fit: Fitted, share: float) -> Fitted:
 
 def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis one step further, its columns made anew there: about another point those of what is tolerated tell
-    it a likelihood that is not its own. One that stands is left as it is, and stands where no step makes it better than
-    what it has reached."""
+    it a likelihood that is not its own. One that stands is left as it is; it stands where its linear model promises no
+    more, and where no step makes it better than what it has reached."""
     if fit.stands:
         return fit
+    if fit.ahead < ENOUGH * fit.excess:
+        return replace(fit, stands=True)
     tried: list[Fitted] = []
     for share in (1.0, STIFF) if fit.score.at.level > LOUD else (STIFF, 1.0):
         there = descend(fit.design, fit.atoms, fit.score, share)

@@ -29,6 +29,7 @@ FEWER = 3  # rounds of what has fewer effects than the leader, or another one in
 ALIKE, MOST_ALIKE = 40.0, 3  # temperatures behind the leader, in its linear model, of what looks like it; how many such
 SETTLING = 2  # how many hypotheses beside none go on
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
+FAINT = 0.1  # the same before the first step
 MUCH = 0.1  # of the log evidence that none lacks
 HOPELESS = 20.0  # temperatures behind the leader
 CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, within which nothing is decided yet; how many such
@@ -113,6 +114,7 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
             break
         leads, fitted = [lead], _bare(fitted)
     fewer = [atoms for atoms in lead.lesser if len(atoms) in {0, len(lead.atoms) - 1} - {len(lead.atoms)}]
+    fewer = [atoms for atoms in fewer if lead.promised(atoms) > lead.reached - ALIKE * lead.excess]
     begin = [*((lessened, atoms) for atoms in fewer), *((instead, atoms) for atoms in _alike(lead, fitted, words))]
     begin += [(partial(anew, at.point), lead.atoms)] if len(lead.atoms) > 1 else []
     return _contested([*fitted, *together(partial(_from, lead, words, say), begin)], words, say)
@@ -238,13 +240,15 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     """All of ``field``, which is used up, fitted, round after round, those that trail far behind not to the end; the
     best first."""
     out: list[Fitted] = []
+    entered = _promising_first(field)
+    field[:] = [f for f in entered if not f.atoms or f.score.evidence >= _trailing(entered, FAINT)]
+    out += [f.bare() for f in entered if f not in field]
+    del entered
     for number in range(1, len(sizes) + 1):
         given = (field.pop(0) for _ in range(len(field)))  # each is let go of as soon as it has moved
         moved = _promising_first(together(partial(_further, words, say, f"round {number} of {len(sizes)}"), given))
         after = sizes[number] if number < len(sizes) else len(moved)
-        none = next((f.score.evidence for f in moved if not f.atoms), None)
-        least = -np.inf if none is None else none + TRAILING * (moved[0].score.evidence - none)
-        least = min(least, moved[0].score.evidence - CLOSE * moved[0].excess)
+        least = _trailing(moved, TRAILING)
         field = [f for place, f in enumerate(moved) if not f.atoms or (place < after and f.score.evidence >= least)]
         out += [f.bare() for f in moved if f not in field]
         del moved
@@ -254,6 +258,14 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     rest += [f for f in best if f.score.evidence < hopeless]
     settled = together(lambda f: _on(f, words, LONGEST, 1.0), [f for f in best if f not in rest])
     return _promising_first([*out, *rest, *settled])
+
+
+def _trailing(fits: list[Fitted], share: float) -> float:
+    """The log evidence below which a hypothesis is not fitted further: that share of what the first gains over none,
+    and nobody who is close."""
+    none = next((f.score.evidence for f in fits if not f.atoms), None)
+    lead = fits[0].score.evidence
+    return -np.inf if none is None else min(none + share * (lead - none), lead - CLOSE * fits[0].excess)
 
 
 def _further(words: Dictionary, say: Callable[[str], None], when: str, fit: Fitted) -> Fitted:
