@@ -15,7 +15,7 @@ from hdagen.diagnosis.fitting import Fitted, sharing
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
-from hdagen.diagnosis.search import _nothing
+from hdagen.diagnosis.search import nothing
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
 from hdagen.plant import Arm
@@ -41,7 +41,7 @@ def none(build: Builder, share: float, ripple: float = 0.0) -> tuple[Fitted, Sug
     arm._prepare(own)
     shooting = Shooting(arm, record(arm, Portion(log, np.ones(len(log), bool)), 0.05))
     hints = suggested(arm, shooting.record)
-    return _nothing(shooting, dictionary(arm, hints)), hints
+    return nothing(shooting, dictionary(arm, hints)), hints
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.0, SHARES[-1:]), (SHARES[0], SHARES[:2])])

@@ -45,6 +45,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
             "uncalibrated": decision.stated,
             "present_from": PRESENT,
             "sure_below": SURE,
+            "tolerated_share": best.design.words.share,
             "unexplained_torque": best.score.at.s,
             "noise_scale": math.sqrt(best.score.at.level),
         },

@@ -54,9 +54,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     """Every effect in one linear model about the robot file's numbers, and at several sizes; those that lead where they
     stand; then sets."""
     say("what the log suggests")
-    hints = suggested(shooting.arm, shooting.record)
-    nothing = _nothing(shooting, dictionary(shooting.arm, hints))
-    words = dictionary(shooting.arm, with_orders(nothing, hints)).sharing(nothing.design.words.share)
+    words = _words(shooting)
     say(f"screening {len(words.atoms)} candidates")
     at = design(shooting, words, first(shooting, words))
     singles = [(), *((k,) for k in range(len(words.atoms)))]
@@ -71,9 +69,16 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     return Search(words, tuple(raced(at, words, field, say)), tuple(screened))
 
 
-def _nothing(shooting: Shooting, words: Dictionary) -> Fitted:
-    """No effect meant, after a few steps, all tolerated to the share under which that is most probable: where none
-    leaves little, what is not there cannot be large."""
+def _words(shooting: Shooting) -> Dictionary:
+    """All candidates with what the log suggests, of a first look with no effect meant: the orders of ripples, and the
+    share to which all are tolerated, as where none leaves little, what is not there cannot be large."""
+    hints = suggested(shooting.arm, shooting.record)
+    fit = nothing(shooting, dictionary(shooting.arm, hints))
+    return dictionary(shooting.arm, with_orders(fit, hints)).sharing(fit.design.words.share)
+
+
+def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
+    """No effect meant, after a few steps, with the share under which that is most probable."""
     fit = begun(design(shooting, words.focused(()), first(shooting, words)), words, (), 1.0)
     for _ in range(LOOKS):
         fit = advanced(fit, words)
@@ -91,8 +96,8 @@ def _shared(fitted: list[Fitted], words: Dictionary) -> tuple[list[Fitted], Dict
     if share == words.share:
         return fitted, words
     words = words.sharing(share)
-    again = (sharing(fit, share) for fit in fitted)
-    return _promising_first([_on(fit, words, LONGEST, 1.0) if fit.whole else fit for fit in again]), words
+    moved = (sharing(fit, share) for fit in fitted)
+    return _promising_first([_on(fit, words, LONGEST, 1.0) if fit.whole else fit for fit in moved]), words
 
 
 def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str], None]) -> list[Fitted]:
