@@ -136,7 +136,7 @@ def test_emps_without_friction_lacks_coulomb_friction(emps_without_friction: dic
     assert found["gap"]["after"] < found["gap"]["before"] / 5
 
 
-@missed("Coulomb friction alone: 5.6-fold, without the offset")
+@missed("Coulomb friction alone: 5.7-fold; the offset is a tilt of some mrad, too small to be named")
 def test_emps_without_friction_lacks_its_offset_too(
     emps: tuple[Path, Path], out: Path, emps_without_friction: dict[str, Any], hdagen: Callable[..., str]
 ) -> None:
@@ -223,12 +223,11 @@ def kuka_delay(axis: int, data_dir: Path, out: Path, diagnose: Diagnose) -> floa
     return value
 
 
-@missed("axis 1: unknown 0.71, then the delay with a bias; fits of logs that leave much end 100 nats short")
 def test_a_kuka_axis_s_encoders_are_skewed(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
     assert 2.3e-3 < kuka_delay(1, data_dir, out, diagnose) < 3.6e-3
 
 
-@missed("axis 2: unknown; the damping of the gear tells about as much as the delay of 3.0 ms")
+@missed("axis 2: unknown; the damping of the gear tells about as much as the delay of 3.1 ms")
 def test_the_kuka_s_skew_is_equal_on_all_axes(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
     found = [kuka_delay(axis, data_dir, out, diagnose) for axis in (1, 2, 3)]
     assert min(found) > 2.3e-3
@@ -258,10 +257,7 @@ def test_the_double_pendulum_lacks_friction_and_a_fast_torque_loop(
 # -- PACE's case ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "encoders",
-    ["", pytest.param("motor_only", marks=missed("missing compliance, but the gap falls 3.6-fold")), "joint_only"],
-)
+@pytest.mark.parametrize("encoders", ["", "motor_only", "joint_only"])
 def test_the_leg_s_joint_is_not_rigid(encoders: str, out: Path, diagnose: Diagnose, hdagen: Callable[..., str]) -> None:
     if not (out / "log.parquet").exists():
         run("pace/make_logs.py", out)
