@@ -104,6 +104,20 @@ def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest
     assert search._on(fit(-100.0), None, 8, 1.0).reached == -41.5  # type: ignore[arg-type]
 
 
+class Runner(SimpleNamespace):
+    """A fit that stands, with nothing to let go of."""
+
+    whole, stands, excess = True, True, 1.0
+
+    def bare(self) -> Any:
+        return self
+
+
+def runners(ends: dict[str, float]) -> Any:
+    """A field by name and evidence."""
+    return [Runner(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
+
+
 @pytest.mark.parametrize(
     ("lead", "other", "rounds"),
     [(4.5 * CLOSE, 1.6 * CLOSE, 3), (4.5 * CLOSE, 1.4 * CLOSE, 1), (1.2 * CLOSE, 0.3 * CLOSE, 3)],
@@ -112,13 +126,6 @@ def test_who_trails_by_little_is_fitted_to_the_end(
     monkeypatch: pytest.MonkeyPatch, lead: float, other: float, rounds: int
 ) -> None:
     """Where all are close, a third of what the best gains over none parts nobody."""
-
-    class Runner(SimpleNamespace):
-        whole, stands, excess = True, True, 1.0
-
-        def bare(self) -> Any:
-            return self
-
     fitted: list[str] = []
 
     def further(words: Any, say: Any, when: str, one: Any) -> Any:
@@ -127,10 +134,7 @@ def test_who_trails_by_little_is_fitted_to_the_end(
 
     monkeypatch.setattr(search, "_further", further)
     ends = {"": 0.0, "leading": lead, "other": other}
-    field: Any = [
-        Runner(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()
-    ]
-    found = _race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    found = _race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", "other", ""]
     assert fitted.count("other") == rounds
 
@@ -139,16 +143,7 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
     fitted: list[str] = []
     monkeypatch.setattr(search, "_further", lambda words, say, when, one: fitted.append(one.names) or one)
     ends = {"": 0.0, "leading": 30 * CLOSE, "some": 4 * CLOSE, "faint": 2 * CLOSE}
-    shape = {"excess": 1.0, "whole": True, "stands": True}
-    field: Any = [
-        SimpleNamespace(
-            atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e, bare=lambda: None, **shape
-        )
-        for n, e in ends.items()
-    ]
-    for one in field:
-        one.bare = lambda one=one: one
-    found = _race(list(field), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
+    found = _race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
     assert set(fitted) == {"", "leading", "some"}
     assert [f.names for f in found] == ["leading", "some", "faint", ""]
 

@@ -20,7 +20,7 @@ from hdagen.diagnosis.fitting import _prior
 from hdagen.diagnosis.foreign import foreign
 from hdagen.diagnosis.linear import Gram, Linear, Summed
 from hdagen.diagnosis.memory import returned
-from hdagen.diagnosis.search import BRIM, _bare, _brimming, first_whole
+from hdagen.diagnosis.search import BRIM, _brimming, bared, first_whole
 from hdagen.diagnosis.told import Told
 from hdagen.diagnosis.torsion import _walls, _zeroed
 
@@ -95,7 +95,7 @@ def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
     lost, kept, other = (SimpleNamespace(whole=whole, bare=lambda: "bare") for whole in (False, True, True))
     fits: Any = [lost, kept, other]
     assert first_whole(fits) is kept  # type: ignore[comparison-overlap]
-    assert _bare(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
+    assert bared(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
 
 
 @pytest.mark.parametrize(

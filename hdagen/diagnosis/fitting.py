@@ -332,8 +332,8 @@ def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, 
 
 
 def placed(at: Design, theta: Array, begun: Array) -> Point:
-    """The point at θ within the bounds. What is not meant moves too: a twentieth of an effect is far above the noise,
-    and its column tells it only roughly."""
+    """The point at θ within the bounds. What is not meant moves too: what is tolerated of an effect may be far above
+    the noise, and its column tells it only roughly."""
     described = list(at.shooting.arm.parameters.described.values())
     p = at.point.p.copy()
     for value, c in zip(theta, at.words.columns, strict=True):

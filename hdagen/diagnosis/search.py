@@ -92,11 +92,13 @@ def _likeliest(fit: Fitted) -> Fitted:
 
 def _shared(fitted: list[Fitted], words: Dictionary) -> tuple[list[Fitted], Dictionary]:
     """The same with all tolerated to the share that is the best's, and the words for that."""
-    share = _likeliest(first_whole(fitted)).design.words.share
+    lead = first_whole(fitted)
+    likeliest = _likeliest(lead)
+    share = likeliest.design.words.share
     if share == words.share:
         return fitted, words
     words = words.sharing(share)
-    moved = (sharing(fit, share) for fit in fitted)
+    moved = (likeliest if fit is lead else sharing(fit, share) for fit in fitted)
     return _promising_first([_on(fit, words, LONGEST, 1.0) if fit.whole else fit for fit in moved]), words
 
 
@@ -111,14 +113,14 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
     while len(leads[0].atoms) < MOST:
         before = leads[0]
         further = [fit for lead in leads for fit in _beside(at, words, lead)]
-        leads, fitted = [], _bare(fitted)
+        leads, fitted = [], bared(fitted)
         if further:
             fitted, words = _shared(_promising_first([*fitted, *_race(further, words, FURTHER, say)]), words)
         lead = first_whole(fitted)
         if lead.names == before.names:
             break
-        leads, fitted = [lead], _bare(fitted)
-    fewer = [atoms for atoms in lead.lesser if len(atoms) in {0, len(lead.atoms) - 1} - {len(lead.atoms)}]
+        leads, fitted = [lead], bared(fitted)
+    fewer = [atoms for atoms in lead.lesser[:-1] if len(atoms) in {0, len(lead.atoms) - 1}]
     fewer = [atoms for atoms in fewer if lead.promised(atoms) > lead.reached - ALIKE * lead.excess]
     begin = [*((lessened, atoms) for atoms in fewer), *((instead, atoms) for atoms in _alike(lead, fitted, words))]
     begin += [(partial(anew, at.point), lead.atoms)] if len(lead.atoms) > 1 else []
@@ -148,7 +150,7 @@ def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tu
 def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]) -> list[Fitted]:
     """The same, those that are close to the best each where it stands in the end: what is close is not decided by who
     was left on the way. The best first."""
-    ordered = _best_first(fits)
+    ordered = best_first(fits)
     least = ordered[0].reached - CLOSE * ordered[0].excess
     best: dict[tuple[int, ...], Fitted] = {}  # each set where it is best
     for fit in ordered:
@@ -156,13 +158,13 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
             best.setdefault(fit.atoms, fit)
     close = list(best.values())[:MOST_CLOSE]
     if len(close) < 2:
-        return _bare(ordered)
+        return bared(ordered)
     say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
     rest = [fit.bare() for fit in ordered if fit not in close]
     done = [fit for fit in close[1:] if fit.stands]  # the best is needed with its columns
     whole = together(lambda fit: fit if fit.whole or fit in done else again(fit, words), close)
     stood = together(lambda fit: _on(fit, words, STEPS, ENOUGH), whole)
-    return _bare(_best_first([*stood, *rest]))
+    return bared(best_first([*stood, *rest]))
 
 
 def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
@@ -244,18 +246,12 @@ def _fits(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> bool:
 def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fitted]:
     """All of ``field``, which is used up, fitted, round after round, those that trail far behind not to the end; the
     best first."""
-    out: list[Fitted] = []
-    entered = _promising_first(field)
-    field[:] = [f for f in entered if not f.atoms or f.score.evidence >= _trailing(entered, FAINT)]
-    out += [f.bare() for f in entered if f not in field]
-    del entered
+    field[:], out = _parted(_promising_first(field), FAINT, len(field))
     for number in range(1, len(sizes) + 1):
         given = (field.pop(0) for _ in range(len(field)))  # each is let go of as soon as it has moved
         moved = _promising_first(together(partial(_further, words, say, f"round {number} of {len(sizes)}"), given))
-        after = sizes[number] if number < len(sizes) else len(moved)
-        least = _trailing(moved, TRAILING)
-        field = [f for place, f in enumerate(moved) if not f.atoms or (place < after and f.score.evidence >= least)]
-        out += [f.bare() for f in moved if f not in field]
+        field, left = _parted(moved, TRAILING, sizes[number] if number < len(sizes) else len(moved))
+        out += left
         del moved
     best = [f for place, f in enumerate(_promising_first(field)) if not f.atoms or place < SETTLING]
     rest = [f for f in field if f not in best]
@@ -265,12 +261,14 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     return _promising_first([*out, *rest, *settled])
 
 
-def _trailing(fits: list[Fitted], share: float) -> float:
-    """The log evidence below which a hypothesis is not fitted further: that share of what the first gains over none,
-    and nobody who is close."""
-    none = next((f.score.evidence for f in fits if not f.atoms), None)
-    lead = fits[0].score.evidence
-    return -np.inf if none is None else min(none + share * (lead - none), lead - CLOSE * fits[0].excess)
+def _parted(fits: list[Fitted], share: float, most: int) -> tuple[list[Fitted], list[Fitted]]:
+    """Those of ``fits``, the best first, that are fitted further: none, and of the first so many who gain that share of
+    what the best gains over none, or are close to it; and the others, without their columns."""
+    none, lead = next((f.score.evidence for f in fits if not f.atoms), -np.inf), fits[0]
+    trailing = none + share * (lead.score.evidence - none) if none > -np.inf else none
+    least = min(trailing, lead.score.evidence - CLOSE * lead.excess)
+    further = [f for place, f in enumerate(fits) if not f.atoms or (place < most and f.score.evidence >= least)]
+    return further, [f.bare() for f in fits if f not in further]
 
 
 def _further(words: Dictionary, say: Callable[[str], None], when: str, fit: Fitted) -> Fitted:
@@ -312,7 +310,7 @@ def first_whole(fits: Sequence[Fitted]) -> Fitted:
     return next(fit for fit in fits if fit.whole)
 
 
-def _bare(fits: Sequence[Fitted]) -> list[Fitted]:
+def bared(fits: Sequence[Fitted]) -> list[Fitted]:
     """The best that is whole as it is, of the others only what a decision needs."""
     best = first_whole(fits)
     return [fit if fit is best else fit.bare() for fit in fits]
@@ -323,6 +321,6 @@ def _promising_first(fits: Sequence[Fitted]) -> list[Fitted]:
     return sorted(fits, key=lambda f: -f.score.evidence)
 
 
-def _best_first(fits: Sequence[Fitted]) -> list[Fitted]:
+def best_first(fits: Sequence[Fitted]) -> list[Fitted]:
     """In the end, by what they have reached."""
     return sorted(fits, key=lambda f: -f.reached)

@@ -15,7 +15,7 @@ from hdagen.diagnosis.design import Point, design
 from hdagen.diagnosis.fitting import Fitted, begun
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record, record
-from hdagen.diagnosis.search import Search, raced
+from hdagen.diagnosis.search import Search, bared, best_first, raced
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.plant import Arm, load
@@ -49,9 +49,7 @@ def with_springs(
         at = design(shooting, words, Point(p, shooting.begun(p)))
         field.append(begun(at, words, atoms, found.fitted[0].score.at.s))
     fits = raced(at, words, field, say)
-    best = max((fit for fit in (*found.fitted, *fits) if fit.whole), key=lambda fit: fit.reached)
-    whole = [fit if fit is best else fit.bare() for fit in (*found.fitted, *fits)]
-    return replace(found, fitted=tuple(sorted(whole, key=lambda fit: -fit.reached)))
+    return replace(found, fitted=tuple(bared(best_first([*found.fitted, *fits]))))
 
 
 def _narrowed(flexible: Arm) -> None:
