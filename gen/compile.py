@@ -7,10 +7,12 @@ import shlex
 import shutil
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from threading import Event
 
 from gen import objects
 
@@ -18,6 +20,7 @@ PROFILES = {
     "portable": ("-O2", "-ffp-contract=off"),
     "native": ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"),
 }
+PATIENCE = 600.0  # s, that a compiler may take for one file
 COMMON = ("-std=c99", "-g0", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Wpedantic")
 INSTRUCTIONS = """
 ssse3 sse4_1 sse4_2 popcnt abm movbe adx f16c fma fma4 bmi1 bmi2 avx avx2 avx_vnni gfni vaes avx512f avx512cd avx512dq
@@ -107,24 +110,25 @@ def library(folder: Path, sources: list[str], profile: str, name: str, kept: Pat
     """
     compiler = find()
     made = [source.replace(".c", ".o") for source in sources]
-    pool = ThreadPoolExecutor(max_workers=2)
+    pool, over = ThreadPoolExecutor(max_workers=2), Event()
     try:
-        for done in [pool.submit(_object, folder, source, profile, kept) for source in sources]:
+        for done in [pool.submit(_object, folder, source, profile, kept, over) for source in sources]:
             done.result()
     finally:
-        pool.shutdown(cancel_futures=True)  # after an error or an interrupt nothing more is begun
+        over.set()  # after an error or an interrupt nothing more is begun, and what runs is ended
+        pool.shutdown(cancel_futures=True)
     shared = ("-dynamiclib", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
     _run((*compiler.command, *shared, "-o", name, *made, "-lm"), folder / name)
     for o in made:
         (folder / o).unlink()
 
 
-def _object(folder: Path, source: str, profile: str, kept: Path) -> None:
-    """The object of one source in folder, as kept or compiled and then kept."""
+def _object(folder: Path, source: str, profile: str, kept: Path, over: Event) -> None:
+    """The object of one source in folder, as kept or compiled and then kept; CompileError once it is all over."""
     compiler = find()
     start = (*compiler.command, *flags(profile))
     plain = folder / source.replace(".c", ".i")
-    _run((*start, "-E", "-P", source, "-o", plain.name), plain)
+    _run((*start, "-E", "-P", source, "-o", plain.name), plain, over)
     processor = " ".join(cpu_flags()) if profile == "native" else ""
     name = objects.key(plain.read_bytes(), start, f"{compiler.version} {processor}")
     plain.unlink()
@@ -133,7 +137,7 @@ def _object(folder: Path, source: str, profile: str, kept: Path) -> None:
     if content is not None:
         made.write_bytes(content)
         return
-    _run((*start, "-c", source, "-o", made.name), made)
+    _run((*start, "-c", source, "-o", made.name), made, over)
     objects.keep(kept, name, made.read_bytes())
 
 
@@ -142,17 +146,34 @@ def plain_library(folder: Path, sources: list[str], name: str) -> None:
     _run((*find().command, "-O2", "-fPIC", "-shared", "-o", name, *sources, "-lm"), folder / name)
 
 
-def _run(command: tuple[str, ...], result: Path) -> None:
+def _run(command: tuple[str, ...], result: Path, over: Event | None = None) -> None:
     try:
-        done = subprocess.run(
-            command, cwd=result.parent, capture_output=True, text=True, errors="replace", timeout=600, check=False
-        )
+        code, words = _ended(command, result.parent, over or Event())
     except subprocess.TimeoutExpired as error:
-        raise CompileError(f"the compiler did not finish within 600 s: {shlex.join(command)}") from error
+        raise CompileError(f"the compiler did not finish within {PATIENCE:g} s: {shlex.join(command)}") from error
     except OSError as error:
         raise CompileError(f"the compiler could not be started ({error}): {shlex.join(command)}") from error
-    if done.returncode:
-        words = (done.stderr or done.stdout).strip()[-4000:] or "it said nothing"
-        raise CompileError(f"the compiler failed with code {done.returncode}: {shlex.join(command)}\n{words}")
+    if code:
+        raise CompileError(f"the compiler failed with code {code}: {shlex.join(command)}\n{words or 'it said nothing'}")
     if not result.is_file():
         raise CompileError(f"the compiler ended without an error and without a {result.name}: {shlex.join(command)}")
+
+
+def _ended(command: tuple[str, ...], folder: Path, over: Event) -> tuple[int, str]:
+    """The code with which the command ended in the folder, and the end of its words. Once ``over`` is set it is ended
+    (CompileError): the interrupt of a terminal does not reach a program that is being started just then."""
+    until = time.monotonic() + PATIENCE
+    with subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+    ) as child:
+        try:
+            while not over.is_set():
+                try:
+                    printed, said = child.communicate(timeout=0.1)
+                    return child.returncode, (said or printed).strip()[-4000:]
+                except subprocess.TimeoutExpired:
+                    if time.monotonic() > until:
+                        raise
+        finally:
+            child.terminate()
+    raise CompileError(f"ended before it was done: {shlex.join(command)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -11,13 +12,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from arms import SMALL
 from stub_compiler import stub_compiler
 
+from gen import compile
 from gen.build import OBJECTS, intact
 
 ROOT = Path(__file__).parents[1]
@@ -101,8 +103,11 @@ def test_a_kill_leaves_nothing_or_a_whole_build(robot: Path, tmp_path: Path) -> 
     assert found["leftovers"] > 20, f"too few kills came in mid-build to show anything: {found}"
 
 
-def test_an_interrupted_build_leaves_nothing(robot: Path, tmp_path: Path) -> None:
-    stub, out = stub_compiler(tmp_path, sleep=20), tmp_path / "build"
+@pytest.mark.parametrize("interrupt", [os.killpg, os.kill])  # as a terminal does; and where no compiler hears of it
+def test_an_interrupted_build_leaves_nothing(
+    robot: Path, tmp_path: Path, interrupt: Callable[[int, int], None]
+) -> None:
+    stub, out = stub_compiler(tmp_path, sleep=600), tmp_path / "build"
     command = [*GEN, "build", str(robot), "--out", str(out)]
     child = subprocess.Popen(
         command, env=os.environ | {"CC": str(stub)}, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -110,11 +115,23 @@ def test_an_interrupted_build_leaves_nothing(robot: Path, tmp_path: Path) -> Non
     until = time.monotonic() + 60
     while not (tmp_path / "commands").exists() and time.monotonic() < until:
         time.sleep(0.01)
-    os.killpg(child.pid, signal.SIGINT)  # as a terminal does
-    _, said = child.communicate(timeout=60)
+    interrupt(child.pid, signal.SIGINT)
+    try:
+        _, said = child.communicate(timeout=60)
+    finally:
+        with contextlib.suppress(ProcessLookupError):  # what the compilers had started
+            os.killpg(child.pid, signal.SIGKILL)
     assert child.returncode == 130
     assert said.splitlines()[-1] == "interrupted; nothing was left behind."
     assert names(out) == [".lock"]
+
+
+def test_a_compiler_without_an_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    endless = stub_compiler(tmp_path, sleep=600)
+    monkeypatch.setattr(compile, "find", lambda: compile.Compiler((str(endless),), "stub"))
+    monkeypatch.setattr(compile, "PATIENCE", 0.2)
+    with pytest.raises(compile.CompileError, match=r"did not finish within 0.2 s: \S*stubcc -O2"):
+        compile.plain_library(tmp_path, ["a.c"], "a.so")
 
 
 # -- places that cannot be written ------------------------------------------------------------------------------------

@@ -78,6 +78,7 @@ def _stop(*_: object) -> None:
     does."""
     _worker.clear()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.unraisablehook = lambda _: None  # where this comes in the midst of a callback, which cannot raise it
     sys.exit(1)
 
 
