@@ -202,6 +202,19 @@ def test_a_wall_stands_at_its_angle(j: int, side: float) -> None:
     assert np.abs((reached - free)[reached < 0.09][:100]).max() < 1e-5
 
 
+@pytest.mark.parametrize(("lowest", "highest"), [(-0.5, 0.4), (-0.02, 0.6), (-0.7, 0.0), (-0.1, 0.05)])
+def test_no_arm_begins_in_a_wall_and_every_one_reaches_it(lowest: float, highest: float) -> None:
+    ends, size = {"lowest": lowest, "highest": highest}, SIZES["contact"]
+    sides = set()
+    for seed in range(20):
+        wall = size.draw(1.5 * size.typical, np.random.default_rng(seed), ends)
+        reach = highest if wall["side"] > 0 else -lowest
+        assert 0.0 < wall["side"] * wall["angle"] < reach
+        sides.add(wall["side"])
+    roomy = {side for side, reach in ((-1.0, -lowest), (1.0, highest)) if reach > 1.5 * size.typical}
+    assert sides == (roomy or {-1.0, 1.0})
+
+
 def test_a_tilted_base_turns_gravity() -> None:
     arm = {"gravity_tilt": {"angle": 0.1, "direction": 0.5}}
     x, y = tilted(World(JOINTS, NOTHING, arm, (0.0, -9.81)))

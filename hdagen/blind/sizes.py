@@ -147,11 +147,16 @@ def _cable(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -
     return {"stiffness": amount, "rest": float(rng.uniform(-0.3, 0.3))}
 
 
+_FREE = 0.2  # of the reach to a wall, at least
+
+
 def _contact(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    """A wall inside the reach of the motion, ``lowest`` … ``highest``; deeper and stiffer with size."""
-    side = _sign(rng)
-    end = base["highest"] if side > 0 else base["lowest"]
-    angle = end - side * amount
+    """A wall inside the reach of the motion, ``lowest`` … ``highest``; deeper and stiffer with size. The arm begins at
+    0, never in it."""
+    side, reach = _sign(rng), {1.0: base["highest"], -1.0: -base["lowest"]}
+    if reach[side] <= amount:
+        side = -side
+    angle = side * max(reach[side] - amount, _FREE * reach[side])
     return {
         "angle": angle,
         "side": side,
