@@ -25,11 +25,11 @@ from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
-from hdagen.diagnosis.together import together
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError, is_number
 from hdagen.reference import Reference
 from hdagen.safe_motion import Kept, Limits, keep, limits_of, middle, motions, with_size
+from hdagen.together import together
 
 ENOUGH = 7.0  # nats, from where the other holds less than a tenth of a diagnosis' probability
 TRUST = 3.0  # factor within which a prediction holds

@@ -22,6 +22,7 @@ import numpy as np
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import BEYOND, Readings, Rows, complete, mechanical, senses, unread, within
+from hdagen.together import together
 from hdagen.torques import full_torque, full_torsion
 
 HORIZON = 0.15  # s of rows that the filters see: a few times the memory of the most trusting one
@@ -35,7 +36,7 @@ LINK = 0.1  # a link's extra torque as a share of its motor's, seen at the joint
 MEMORY = 0.1  # s, over which extra torque and error come and go
 BURN_IN = 1 / 3  # share of the horizon in which a filter is not judged: it still forgets how it was begun
 SLOPE = 8  # rows of the straight line that begins a filter
-TOGETHER = 256  # instants filtered at once
+TOGETHER = 64  # instants filtered at once
 DOUBT = 0.2  # of a side of the gear that no channel shows: share of the torsion at full torque; 100 times that a second
 FREE = 6.0  # widths of the smooth sign from standstill, from where dry friction has no slope
 
@@ -48,13 +49,14 @@ def estimate(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Rows, 
     """
     back = int(np.clip(round(HORIZON / log.period), FEWEST, MOST))
     bank = Bank(arm, readings)
-    out = np.empty((len(rows), arm.nx))
-    for part in _groups(rows, back):
+
+    def filtered(part: slice) -> Array:
         at = rows[part]
         span = min(back, int(at[0]))
         noise = np.stack([readings.noise_before(int(row)) for row in at])
-        out[part] = bank.run(log.time, inputs, at, span, noise, hidden[at - span])
-    return out
+        return bank.run(log.time, inputs, at, span, noise, hidden[at - span])
+
+    return np.concatenate(together(filtered, _groups(rows, back)))
 
 
 def _groups(rows: Rows, back: int) -> Iterator[slice]:

@@ -66,14 +66,14 @@ def test_a_column_is_what_its_parameter_does_where_the_point_stands(shooting: Sh
 
 def test_what_flies_apart_has_no_slope_beyond_its_channels_ranges(shooting: Shooting) -> None:
     words = dictionary(shooting.arm, suggested(shooting.arm, shooting.record)).base
-    good = shooting.all
+    good = shooting.near
 
     class Flying(SimpleNamespace):
-        def all(self, lanes: Any) -> list[np.ndarray]:
-            base, *others = good(lanes)
-            return [base, *(1e200 * np.sign(seen - base) for seen in others)]
+        def near(self, here: Any, lanes: Any) -> list[np.ndarray]:
+            base = shooting.predict(here)
+            return [1e200 * np.sign(seen - base) for seen in good(here, lanes)]
 
-    flying: Any = Flying(**{name: getattr(shooting, name) for name in ("arm", "record", "m")})
+    flying: Any = Flying(**{name: getattr(shooting, name) for name in ("arm", "record", "m", "recalled")})
     at = design(flying, words, Point(*shooting.begin()))
     most = 2.0 * np.ptp(shooting.record.told, axis=0) / shooting.record.spread
     steps = np.array([c.step for c in words.columns])

@@ -127,6 +127,31 @@ def test_windows_that_nobody_looks_at_are_gone_through_for_what_remembers(build:
     assert np.array_equal(part.predict(Lane(p, begun)), full.predict(Lane(p, begun))[looked]) != loud
 
 
+def test_lanes_near_one_begin_their_windows_with_its_memory(build: Builder) -> None:
+    """It is the same there; a first state tells of its own window alone; what changes the memory is as it is alone."""
+    sh = shooting(build, "portable", hidden=(100, 250))
+    p, begun = sh.begin()
+    names = list(sh.arm.parameters.described)
+    p[names.index("hysteresis_torque_1")] = 2.0
+    read, memory = sh.recalled(Lane(p, begun))
+    assert memory.shape == (len(sh.record.kept), sh.arm.nx - sh.m) and np.abs(memory).max(0).any()
+    base, other, moved = Lane(p, begun, memory=memory), p.copy(), begun.copy()
+    other[names.index("hysteresis_torque_1")] = 2.1
+    third = sh.record.kept[2]
+    moved[third] += 1e-3
+    push = np.zeros((len(sh.record.time), 2))
+    push[sh.record.starts[third] : sh.record.ends[third]] = 0.02
+    same, state, pushed, kicked, alone = sh.near(
+        base, [Lane(p, begun), Lane(p, moved), Lane(p, begun, push), Lane(p, begun, None, push), Lane(other, begun)]
+    )
+    assert np.array_equal(read, sh.predict(Lane(p, begun))) and np.array_equal(same, read)
+    assert np.array_equal(alone, sh.predict(Lane(other, begun)))
+    own = np.isin(sh.rows, np.arange(sh.record.starts[third], sh.record.ends[third]))
+    for seen in (state, pushed, kicked):
+        assert np.array_equal(seen[~own], read[~own]) and not np.array_equal(seen[own], read[own])
+    assert not np.array_equal(sh.predict(Lane(p, begun, memory=2.0 * memory)), read)
+
+
 def test_the_input_stage_goes_by_its_own_parameters(build: Builder) -> None:
     """By nothing else, as its outcome is kept by them."""
     sh, rng = shooting(build, "portable"), np.random.default_rng(5)

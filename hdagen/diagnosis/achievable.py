@@ -12,6 +12,7 @@ Source: Rahimi, Recht, NIPS 20 (2007) 1177 (random features).
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,8 +48,10 @@ class Map:
     def of(cls, features: Array, target: Array) -> Map:
         """Fitted to ``target`` (K,) by ``features`` (K, F), with the ridge that tells what it has not seen best."""
         mean, scale, level = features.mean(0), np.maximum(features.std(0), 1e-12), float(target.mean())
-        parts = np.array_split(np.arange(len(target)), BLOCKS)
-        X, y = (features - mean) / scale, target - level
+        ends = np.linspace(0, len(target), BLOCKS + 1).round().astype(int)
+        parts = [slice(a, b) for a, b in itertools.pairwise(ends)]
+        X, y = features - mean, target - level
+        X /= scale
         grams, sums = [X[k].T @ X[k] for k in parts], [X[k].T @ y[k] for k in parts]
         whole, all_, eye = np.sum(grams, 0), np.sum(sums, 0), np.eye(X.shape[1])
         losses = [
@@ -81,18 +84,19 @@ def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Re
     raw = _raw(seen)
     basis = _basis(raw)
     features = basis.features(seen, raw)
-    asked = features if held is seen else basis.features(held, _raw(held))
     missing = seen.missing(seen.before)
     whole = missing.motor if missing.link is None else missing.motor + missing.link / seen.ratio
     maps = [Map.of(features[j][kept], whole[kept, j]) for j in range(arm.n)]
     currents = [_current(shown, seen.replays[0], name) for name in arm.input_names[: arm.n]]
     fitted = _replayed(seen, currents, [on(x) for on, x in zip(maps, features, strict=True)])
-    found = fitted if held is seen else _replayed(held, currents, [on(x) for on, x in zip(maps, asked, strict=True)])
+    errors = [_encoder_map(j, seen, kept, x, fitted) for j, x in enumerate(features, 1)]
+    if held is not seen:  # one log's features at a time: they are what fills the memory
+        features = basis.features(held, _raw(held))
+    found = fitted if held is seen else _replayed(held, currents, [on(x) for on, x in zip(maps, features, strict=True)])
     columns = dict(found.columns)
-    for j in range(1, arm.n + 1):
-        read = _encoder_map(j, seen, kept, features[j - 1], fitted)
+    for j, read in enumerate(errors, 1):
         if read is not None:
-            more = np.interp(held.log.time, held.time, read(asked[j - 1]))
+            more = np.interp(held.log.time, held.time, read(features[j - 1]))
             columns[f"joint_position_{j}"] = found.columns[f"joint_position_{j}"] + more
     return replace(found, columns=columns, noise=before.noise)
 

@@ -28,10 +28,21 @@ REACTION = 0.01  # s: a first velocity is moved by START noise in that time
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where the model stands: parameters (np) and first states (W, m)."""
+    """Where the model stands: parameters (np), first states (W, m) and, where the model went through all windows, the
+    effects' own states (K, nx − m) with which those that are looked at begin."""
 
     p: Array
     begun: Array
+    memory: Array | None = None
+
+    @property
+    def lane(self) -> Lane:
+        """Its simulation."""
+        return Lane(self.p, self.begun, memory=self.memory)
+
+    def with_begun(self, begun: Array) -> Point:
+        """With other first states: of what the windows remember they change next to nothing."""
+        return replace(self, begun=begun)
 
 
 @dataclass(eq=False)
@@ -92,7 +103,8 @@ class Design:
 
     def moved(self, point: Point) -> Design:
         """The same columns with the residual of another point."""
-        return self.seen(point, self.shooting.predict(Lane(point.p, point.begun)))
+        read, memory = self.shooting.recalled(point.lane)
+        return self.seen(replace(point, memory=memory), read)
 
     def seen(self, point: Point, read: Array) -> Design:
         """The same columns with another point, at which the channels read ``read`` (R, M)."""
@@ -125,9 +137,16 @@ def knots(shooting: Shooting) -> int:
 
 def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:
     """Everything about one point, a lane each: itself, first states, steps of torque, parameters."""
+    read, memory = shooting.recalled(Lane(point.p, point.begun))
+    point = replace(point, memory=memory)
     torques = [(lane, 1.0) for lane in _torques(shooting, point)]
     lanes = _first(shooting, point) + torques + [_moved(shooting, words, point, c) for c in words.columns]
-    left, columns = _differences(shooting, point, lanes)
+    left = residual(shooting, read)  # held to the channels' ranges: of what flies apart no slope says anything
+    columns = np.empty((len(lanes), left.size))
+    for c, (seen, (_, step)) in enumerate(
+        zip(shooting.near(point.lane, [lane for lane, _ in lanes]), lanes, strict=True)
+    ):
+        columns[c] = ((left - residual(shooting, seen)) / step).reshape(-1)
     return Design(shooting, words, point, columns, left, len(torques))
 
 
@@ -148,16 +167,6 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
         if (c.parameter, c.atom) in own:
             columns[i] = nearer.columns[own[c.parameter, c.atom]]
     return Design(at.shooting, words, nearer.point, columns, nearer.residual, at.k)
-
-
-def _differences(shooting: Shooting, point: Point, lanes: list[tuple[Lane, float]]) -> tuple[Array, Array]:
-    """What the point leaves (R, M), and the columns of lanes with their steps."""
-    read = shooting.all([Lane(point.p, point.begun), *(lane for lane, _ in lanes)])
-    left = residual(shooting, read[0])  # held to the channels' ranges: of what flies apart no slope says anything
-    columns = np.empty((len(lanes), left.size))
-    for c, (seen, (_, step)) in enumerate(zip(read[1:], lanes, strict=True)):
-        columns[c] = ((left - residual(shooting, seen)) / step).reshape(-1)
-    return left, columns
 
 
 def _moved(shooting: Shooting, words: Dictionary, point: Point, column: Column) -> tuple[Lane, float]:

@@ -21,8 +21,8 @@ import scipy.linalg
 
 from hdagen.diagnosis.candidates import SLAB, Dictionary
 from hdagen.diagnosis.linear import ROUNDED, Linear, Reduced, Summed
-from hdagen.diagnosis.together import together
 from hdagen.plant import Array
+from hdagen.together import together
 
 TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # s, in units of unexplained torque
 ROUGHLY = 8  # every which of them a first look takes

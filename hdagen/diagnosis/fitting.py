@@ -143,7 +143,8 @@ def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, st
     p = at.point.p.copy()
     for k in atoms:
         words.atoms[k].shape(at.shooting.arm, p)
-    own.point = Point(p, at.point.begun)
+    if not np.array_equal(p, at.point.p):
+        own.point = Point(p, at.point.begun)
     return _scored(own, atoms, near)
 
 
@@ -303,10 +304,10 @@ def _freed(at: Design, s: float) -> Design:
         return at
     begun = at.point.begun.copy()
     begun[kept[far]] = at.shooting.begun(at.point.p)[kept[far]]
-    again = at.moved(Point(at.point.p, begun)).linear()
+    again = at.moved(at.point.with_begun(begun)).linear()
     stays = again.reduced(s).chi2(again.theta) > left - WORSE
     begun[kept[stays]] = at.point.begun[kept[stays]]
-    return at.moved(Point(at.point.p, begun)) if (far & ~stays).any() else at
+    return at.moved(at.point.with_begun(begun)) if (far & ~stays).any() else at
 
 
 def _moved(at: Design, linear: Linear, s: float, theta: Array) -> Point:
@@ -327,7 +328,7 @@ def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, 
         return trial, there
     begun = point.begun.copy()
     begun[worse] = at.point.begun[worse]
-    trial = at.moved(Point(point.p, begun))
+    trial = at.moved(trial.point.with_begun(begun))
     return trial, trial.linear()
 
 

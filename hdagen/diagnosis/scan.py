@@ -15,10 +15,9 @@ from hdagen.diagnosis.candidates import ORDER, Atom, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen
 from hdagen.diagnosis.evidence import Scored, settled
 from hdagen.diagnosis.fitting import widths
-from hdagen.diagnosis.shooting import Lane
 from hdagen.diagnosis.starts import shared
-from hdagen.diagnosis.together import together
 from hdagen.plant import Array
+from hdagen.together import together
 
 SIZES = (-2.0, -0.7, 0.7, 2.0)  # usual sizes
 SEEN = 0.1  # usual sizes of what was read off, from which it is tried
@@ -46,7 +45,7 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
         if atom.name not in meant
         for point in [*_displaced(at, words, k, atom), *(_parted(at, words, lead.atoms, k) if lead else [])]
     ]
-    seen = at.shooting.all([Lane(point.p, point.begun) for _, point in tried])
+    seen = at.shooting.near(at.point.lane, [point.lane for _, point in tried])
 
     def evidence(design: Design, atoms: tuple[int, ...]) -> float:
         amplitudes = {name for k in atoms for name in words.atoms[k].amplitudes}

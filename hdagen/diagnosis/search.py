@@ -16,7 +16,7 @@ from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
-from hdagen.diagnosis.together import together
+from hdagen.together import together
 
 LOOKS = 2  # steps of a first look
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race

@@ -5,7 +5,7 @@ size that matters is wanted, not a slope at a point. Lanes run side by side, as 
 such groups in threads; the compiled rollout lets go of the interpreter.
 
 A lane in which an effect is there that remembers goes through all windows, others through those alone that are looked
-at.
+at; so do lanes near one of which the memory is known, as far as they change nothing that remembers.
 
 Legend: T rows, W windows, K windows that are looked at, of R rows, S of them looked at, M channels, L lanes that run at
 once, m positions and velocities of the state.
@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from queue import SimpleQueue
 from typing import Any
@@ -26,9 +26,9 @@ import numpy as np
 from hdagen import late
 from hdagen.diagnosis.asked import asked
 from hdagen.diagnosis.record import Record
-from hdagen.diagnosis.together import THREADS, together
 from hdagen.plant import Arm, Array
 from hdagen.readings import Rows, joint_angles, limits, mechanical, unread
+from hdagen.together import THREADS, together
 from hdagen.torques import full_torsion, torque_per_input
 
 TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
@@ -47,21 +47,24 @@ PROMPT = {
 @dataclass(frozen=True, eq=False)
 class Lane:
     """One simulation: parameters (np), first states (W, m), torque (T, n) added at the motors, N m, and impulses on the
-    links, N m s: (T, n), each at its row."""
+    links, N m s: (T, n), each at its row. ``memory``: effects' own states (K, nx − m) with which the windows that are
+    looked at begin; without, those in which the windows before leave them."""
 
     p: Array
     begun: Array
     torque: Array | None = None
     impulse: Array | None = None
+    memory: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Windows that a lane goes through: ``rows`` of the record that it takes inputs from, ``edges`` of the windows in
-    them, ``size`` how many rows lie in windows, and which of those in windows that are looked at (``seen``); which of
-    the record's ``windows`` they are."""
+    """Windows that a lane goes through: ``rows`` of the record that it takes inputs from, ``many``; ``edges`` of the
+    windows in them; ``size`` how many rows lie in windows, and which of those in windows that are looked at (``seen``);
+    which of the record's ``windows`` they are."""
 
     rows: Rows | slice
+    many: int
     edges: Rows
     size: int
     windows: Rows | slice
@@ -71,14 +74,16 @@ class Course:
     def whole(cls, record: Record) -> Course:
         """All windows of a record."""
         seen = np.searchsorted(record.rows, record.rows_of(record.kept))
-        return cls(slice(None), record.edges, len(record.rows), slice(None), seen)
+        return cls(slice(None), len(record.time), record.edges, len(record.rows), slice(None), seen)
 
     @classmethod
     def brief(cls, record: Record) -> Course:
-        """Those alone that are looked at."""
-        rows, ends = record.rows_of(record.kept), np.cumsum((record.ends - record.starts)[record.kept])
-        edges = np.stack([np.append(0, ends[:-1]), ends], 1)
-        return cls(rows, edges, len(rows), record.kept, slice(None))
+        """Those alone that are looked at, a row between them: none begins as the one before ends."""
+        first, end = record.starts[record.kept], record.ends[record.kept]
+        rows = np.concatenate([np.append(np.arange(a, b), a) for a, b in zip(first, end, strict=True)])
+        begins = np.cumsum(end - first + 1) - (end - first + 1)
+        edges = np.stack([begins, begins + end - first], 1)
+        return cls(rows, len(rows), edges, int((end - first).sum()), record.kept, slice(None))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +99,13 @@ class Seat:
     @classmethod
     def of(cls, arm: Arm, record: Record) -> Seat:
         """With an arm of its own and new memory."""
-        shapes = ((len(record.time), arm.nu), arm.c.shape, (len(record.rows), arm.nx))
+        shapes = ((len(record.time) + len(record.kept), arm.nu), arm.c.shape, (len(record.rows), arm.nx))
         lanes = min(arm.module.batch_width, max(1, MEMORY // (8 * sum(map(math.prod, shapes)))))
         return cls(Arm(arm.folder), *(np.empty((lanes, *shape)) for shape in shapes))
 
     def room(self, course: Course, lanes: int) -> tuple[Array, Array]:
         """Memory for the inputs (L, rows, nu) and states (L, rows in windows, nx) of ``lanes`` on a course."""
-        inputs = (lanes, len(self.inputs[0][course.rows]), self.arm.nu)
+        inputs = (lanes, course.many, self.arm.nu)
         states = (lanes, course.size, self.arm.nx)
         return (
             self.inputs.reshape(-1)[: math.prod(inputs)].reshape(inputs),
@@ -122,7 +127,8 @@ class Shooting:
         self.most = min(self.most, max(self._carried(), self.arm.step_size))
         self.whole, self.brief = Course.whole(record), Course.brief(record)
         self.steps = record.steps
-        self.rows, self.begins = record.rows_of(record.kept), self.brief.edges[:, 0]
+        self.rows = record.rows_of(record.kept)
+        self.begins = self.brief.edges[:, 0] - np.arange(len(record.kept))
         self.looked = np.searchsorted(self.rows, record.rows[np.concatenate(record.looked)])
         self.command = np.ascontiguousarray(record.command[:, : self.arm.n])
         self.seats = SimpleQueue()
@@ -137,7 +143,9 @@ class Shooting:
         self.acted: dict[bytes, tuple[Array, Array]] = {}
         effects = self.arm.manifest["effects"]
         self.staging = self._places(*(e for e in effects if e["place"] == "input"))
-        self.loudness = self._places(*(e | {"shapes": []} for e in effects if e["states"]))
+        remembering = [e for e in effects if e["states"]]
+        self.remembering = self._places(*remembering)
+        self.loudness = self._places(*(e | {"shapes": []} for e in remembering))
 
     def _carried(self) -> float:
         """The step, s, that carries the springs under what the record's motion asks for; the robot file's own was
@@ -159,11 +167,26 @@ class Shooting:
         """What the channels read (S, M) in one lane."""
         return self.all([lane])[0]
 
+    def recalled(self, lane: Lane) -> tuple[Array, Array]:
+        """What the channels read (S, M) in one lane, and the effects' own states (K, nx − m) with which the windows
+        that are looked at begin."""
+        with self._seat() as seat:
+            x = self._states(seat, [lane])[0]
+            return self._read(seat, lane, x), x[self.begins, self.m :].copy()
+
+    def near(self, base: Lane, lanes: Sequence[Lane]) -> list[Array]:
+        """What the channels read (S, M) in lanes near one whose memory is known. Those that have what remembers as it
+        does begin their windows with that: what else they change, they change little in it, and a first state or a
+        torque should only tell of its own window."""
+        own = base.p[self.remembering]
+        alike = [np.array_equal(lane.p[self.remembering], own) for lane in lanes]
+        return self.all([replace(o, memory=base.memory) if a else o for o, a in zip(lanes, alike, strict=True)])
+
     def all(self, lanes: Sequence[Lane]) -> list[Array]:
         """What the channels read (S, M) in each lane."""
         alike: dict[tuple[float, bool, bool], list[int]] = {}
         for k, lane in enumerate(lanes):  # a lane takes its own step in whatever company
-            kind = self._step(lane), lane.impulse is not None, self._remembers(lane)
+            kind = self._step(lane), self._jumps(lane), self._remembers(lane)
             alike.setdefault(kind, []).append(k)
         groups = [group for same in alike.values() for group in self._split(same)]
         seen = together(lambda group: self._run([lanes[k] for k in group]), groups)
@@ -182,8 +205,13 @@ class Shooting:
         return min(self.most, self.arm.carried.longest(lane.p))
 
     def _remembers(self, lane: Lane) -> bool:
-        """Whether an effect that remembers is there."""
-        return bool(lane.p[self.loudness].any())
+        """Whether an effect is there that remembers what was before the windows that are looked at."""
+        return lane.memory is None and bool(lane.p[self.loudness].any())
+
+    @staticmethod
+    def _jumps(lane: Lane) -> bool:
+        """Whether its state is put somewhere in its windows."""
+        return lane.impulse is not None or lane.memory is not None
 
     def states(self, lane: Lane) -> Array:
         """The states (R, nx) of one lane."""
@@ -223,22 +251,27 @@ class Shooting:
 
     def _states(self, seat: Seat, lanes: Sequence[Lane]) -> list[Array]:
         """The states (R, nx) of each lane."""
-        jump, many = None, len(lanes)
-        course = self.whole if self._remembers(lanes[0]) else self.brief
+        course, many = self.whole if self._remembers(lanes[0]) else self.brief, len(lanes)
         inputs, states = seat.room(course, many)
         steps = self.steps[course.rows]
+        jump = np.zeros((many, course.many, seat.arm.nx)) if self._jumps(lanes[0]) else None
         for k, lane in enumerate(lanes):
             seat.arm._prepare(lane.p)
             seat.constants[k] = seat.arm.c
             self._drive(seat, lane, course.rows, inputs[k])
-            if lane.impulse is not None:
-                jump = np.zeros((many, len(steps), seat.arm.nx)) if jump is None else jump
-                impulse, mobility = lane.impulse[course.rows], self.mobility[course.rows]
-                jump[k][:, self.speeds] = np.einsum("tij,tj->ti", mobility, impulse)
+            if jump is not None:
+                self._jump(lane, course, jump[k])
         begun, c = np.stack([lane.begun[course.windows] for lane in lanes]), seat.constants[:many]
         step = self._step(lanes[0])  # that of all of them
         x = seat.arm.windows(begun, course.edges, inputs, steps, step, self.limit, jump, c, states)
         return [one[course.seen] for one in x]
+
+    def _jump(self, lane: Lane, course: Course, jump: Array) -> None:
+        """What is added to a lane's states (rows, nx)."""
+        if lane.memory is not None:
+            jump[course.edges[:, 0], self.m :] = lane.memory
+        if lane.impulse is not None:
+            jump[:, self.speeds] = np.einsum("tij,tj->ti", self.mobility[course.rows], lane.impulse[course.rows])
 
     def _acted(self, seat: Seat, p: Array) -> tuple[Array, Array]:
         """What commands make act, and what each row shows of it (T, n each), under the parameters ``p`` (np), at which
