@@ -24,6 +24,7 @@ from hdagen.replay import Replay
 
 SHOWN = 8  # candidates in the figures
 RARE = 1e-3  # probability below which a hypothesis is not listed
+NEVER = 1e-4  # below which its size says nothing
 TOLD = (0.5, 0.9)  # posterior by prior width, up to which the data said much, and a little
 LAG = 0.25  # s, of the correlations of what is left
 
@@ -88,7 +89,7 @@ def _candidates(content: dict[str, Any]) -> Section:
         bars(
             "Most probable hypotheses",
             [str(r[0]) for r in shown],
-            [Bars("", [float(r[1]) for r in shown])],
+            [Bars("", [round(float(r[1]), 4) for r in shown])],
             value_label=f"probability{calibrated(content)}",
         )
     ]
@@ -104,9 +105,14 @@ def _candidates(content: dict[str, Any]) -> Section:
         )
     named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
     others = sum(float(r[1]) for r in rows[named:])
-    rest = f"The other {len(rows) - named} hold {others:.2g} together." if len(rows) > named else ""
-    figures.append(table("Hypotheses", ["hypothesis", "probability"], rows[:named], caption=rest))
+    rest = f"The other {len(rows) - named} hold {_much(others)} together." if len(rows) > named else ""
+    listed = [[name, _much(float(p))] for name, p in rows[:named]]
+    figures.append(table("Hypotheses", ["hypothesis", "probability"], listed, caption=rest))
     return Section("How sure", text, figures)
+
+
+def _much(probability: float) -> str:
+    return f"{probability:.2g}" if probability >= NEVER else f"less than {NEVER:g}"
 
 
 def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:

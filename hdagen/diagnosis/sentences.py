@@ -66,9 +66,10 @@ def _worst(gap: dict[str, Any]) -> str:
 
 
 def words(entry: str) -> str:
-    """name@joint as people say it."""
+    """name@joint as people say it; what says of itself that it is missing need not be said to be so."""
     effect, _, joint = entry.partition("@")
-    return f"{effect.replace('_', ' ')} {f'on joint {joint}' if joint != '0' else 'of the whole arm'}"
+    what = effect.removeprefix("missing_").replace("_", " ")
+    return f"{what} {f'on joint {joint}' if joint != '0' else 'of the whole arm'}"
 
 
 def calibrated(content: dict[str, Any]) -> str:

@@ -35,6 +35,16 @@ GROUPS = (  # the narrowest first: the first that holds both is taken
         "joint angle and its torque grows with the square of speed, ripple lives in the current, at creep as well.",
     ),
     _group(
+        "stiffness transmission_hysteresis joint_damping kinematic_torsion",
+        "hold the link and load the gear to and fro with several torques, slowly and faster: a spring comes back on "
+        "its own line, hysteresis encloses a loop that is as wide at any rate, a damper's widens with the rate.",
+    ),
+    _group(
+        "missing_compliance stiffness link_flexibility base_compliance joint_damping",
+        "command a multisine up to 25 Hz at two payloads, and push the tip with the motor held: a mode behind the "
+        "encoder moves with the payload, the gear's own shows between its encoders.",
+    ),
+    _group(
         "sensor_delay stiffness joint_damping missing_compliance transmission_hysteresis backlash",
         "run several constant speeds under unequal loads with both encoders: a late reading is proportional to speed "
         "whatever the load, torsion follows the load whatever the speed.",
@@ -73,11 +83,6 @@ GROUPS = (  # the narrowest first: the first that holds both is taken
         "contact cable_spring gravity_tilt position_dependent_friction",
         "approach both ends of the range slowly and go back: a stop pushes only beyond an angle, a cable everywhere, "
         "friction changes its sign with the direction.",
-    ),
-    _group(
-        "missing_compliance stiffness link_flexibility base_compliance joint_damping",
-        "command a multisine up to 25 Hz at two payloads, and push the tip with the motor held: a mode behind the "
-        "encoder moves with the payload, the gear's own shows between its encoders.",
     ),
     _group(
         "transmission_ratio torque_constant stiffness kinematic_error kinematic_torsion encoder_eccentricity "
