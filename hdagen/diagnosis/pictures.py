@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.columns import commanded
+from hdagen.diagnosis.maps import spectrum
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.regimes import explained
 from hdagen.diagnosis.whereabouts import Trace, regressors, since_reversal, trace
@@ -25,6 +26,7 @@ GROWTH = 2.5  # power by which bins grow from standstill on
 SETTLED = 20  # rows of a log in which what was commanded before it may still act
 SCENE = 0.25  # s, of a stretch of commands and currents
 UNKNOWN = 3  # regressors that are drawn where no effect is named
+FASTEST = 0.1  # of the sampling rate, up to which an answer is drawn
 TURN = 2 * np.pi
 
 BY_SPEED = ("coulomb_friction", "viscous_friction", "stribeck_friction", "asymmetric_friction", "quadratic_friction")
@@ -104,8 +106,8 @@ def pictures(sight: Sight, entry: str, place: str) -> list[str]:
         return [_friction(sight, entry, joint) for joint in joints]
     if effect in ALONG:
         return [_against(sight, entry, joint) for joint in joints]
-    if effect in BY_TORSION and sight.split:
-        return [_loop(sight, entry, joint) for joint in joints]
+    if effect in BY_TORSION:
+        return [(_loop if sight.split else _answer)(sight, entry, joint) for joint in joints]
     over = OVER.get(effect, Abscissa("joint angle (rad)", _state("joint_position")))
     return [_plain(sight, entry, place, over, joints)]
 
@@ -245,6 +247,32 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
         equal=False,
         caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle. The "
         "model's torque is that of its springs and effects at the measured states.",
+    )
+
+
+def _answer(sight: Sight, entry: str, joint: int) -> str:
+    """Of a torsion that one encoder does not see: what of the joint's motion the replays miss, over frequency."""
+    log, period = sight.log, sight.grid.period
+    name = next(n for side in ("motor", "joint") if (n := f"{side}_position_{joint}") in log)
+    errors = [sight.on_grid(log[name] - replay.columns[name]) for replay in sight.replays]
+    found = [spectrum(error, error, period) for error in errors]
+    shown = (found[0].frequency > 0) & (found[0].frequency <= FASTEST / period)
+    return panels(
+        f"{_title(entry)}: what the replays miss",
+        found[0].frequency[shown],
+        [
+            Panel(
+                f"{name.replace('_', ' ')} (rad/√Hz)",
+                [
+                    Series("robot file", found[0].density[shown], color="green", dash="dashed"),
+                    Series("model with the effect", found[1].density[shown], color="vermilion", dash="solid"),
+                ],
+                log=True,
+            )
+        ],
+        x_label="frequency (Hz)",
+        caption="Density of measured less replayed position. With one encoder no torsion is measured: what shows of it "
+        "is how the joint answers the motor.",
     )
 
 
