@@ -26,6 +26,7 @@ GROWTH = 2.5  # power by which bins grow from standstill on
 SETTLED = 20  # rows of a log in which what was commanded before it may still act
 SCENE = 0.25  # s, of a stretch of commands and currents
 UNKNOWN = 3  # regressors that are drawn where no effect is named
+LOOPS = 10.0  # s, of torque over torsion: more of them hide each other
 FASTEST = 0.1  # of the sampling rate, up to which an answer is drawn
 TURN = 2 * np.pi
 
@@ -225,12 +226,15 @@ def _as_in_the_file(sight: Sight, bare: Array, joint: int) -> Array:
 
 
 def _loop(sight: Sight, entry: str, joint: int) -> str:
-    """Torque over torsion: what the links ask of the transmission, and the model's before and after."""
-    j, ok = joint - 1, sight.kept
+    """Torque over torsion where that goes furthest: what the links ask of the transmission, and the model's before and
+    after."""
+    j, ok = joint - 1, np.flatnonzero(sight.kept)
     torsion = sight.smooth(
         (sight.column("motor_position", joint) / sight.ratio[j] - sight.column("joint_position", joint))[:, None]
-    )[ok, 0]
-    needed = sight.link_torque(sight.after)[ok, j]
+    )[:, 0]
+    parts = np.array_split(ok, max(1, round(np.ptp(sight.time[ok]) / LOOPS)))
+    ok = max(parts, key=lambda part: np.ptp(torsion[part]))
+    torsion, needed = torsion[ok], sight.link_torque(sight.after)[ok, j]
     curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=5.0)]
     for label, p, color, dash in (
         ("robot file", sight.before, "green", "dotted"),
@@ -245,8 +249,9 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
         x_label="torsion (rad)",
         y_label="transmitted torque (N m)",
         equal=False,
-        caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle. The "
-        "model's torque is that of its springs and effects at the measured states.",
+        caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle"
+        f"{f', where that goes furthest in {LOOPS:g} s' if len(parts) > 1 else ''}. The model's torque is that of its "
+        "springs and effects at the measured states.",
     )
 
 
