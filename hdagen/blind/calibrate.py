@@ -1,10 +1,10 @@
-"""Calibration: how much of a diagnosis' log-odds to believe, fitted on seeds of its own, frozen in a file.
+"""Calibration: how much of a diagnosis' odds to believe, fitted on seeds of its own, frozen in a file.
 
     hdagen blind --kind single --cases 200 --calibrate single.json
     hdagen blind --kind background --cases 200 --calibrate background.json
     python -m hdagen.blind.calibrate single.json background.json --out calibration.json
 
-The temperature is the one that makes what happened most likely; `hdagen.diagnosis.calibration` says what it does.
+Temperature and lapse are those that make what happened most likely; `hdagen.diagnosis.calibration` says what they do.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from hdagen.blind.run import replace
 from hdagen.blind.score import Row
 from hdagen.diagnosis.calibration import CLOSEST, FROZEN, SCHEMA, Calibration, CalibrationError, digest, read
 
-_COLDEST, _HOTTEST = 0.05, 50.0  # temperatures that are tried
-_SUREST = 1.0  # the least that is frozen: no few cases make a search surer than it is itself
+_TEMPERATURES = np.geomspace(1.0, 50.0, 400)  # that are tried: no few cases make a search surer than it is itself
+_LAPSES = 1000  # that are tried with each
+DATA = 1  # schema of what it is fitted to
 _LEAST = 30  # cases
 
 
@@ -36,25 +37,25 @@ def data(rows: Sequence[Row], kind: str, seed_hash: str) -> str:
         if not row.failed:
             p = min(max(row.p_stated, CLOSEST), 1.0 - CLOSEST)
             cases.append({"log_odds": math.log(p / (1.0 - p)), "right": row.right})
-    return json.dumps({"schema": SCHEMA, "kind": kind, "seed_hash": seed_hash, "cases": cases}, indent=1)
+    return json.dumps({"schema": DATA, "kind": kind, "seed_hash": seed_hash, "cases": cases}, indent=1)
 
 
-def loss(log_odds: np.ndarray, right: np.ndarray, temperature: float) -> float:
-    """Mean logarithmic loss, nats, of log-odds (cases,) divided by ``temperature`` against what was ``right``."""
-    signed = np.where(right, log_odds, -log_odds) / temperature
-    return float(np.mean(np.logaddexp(0.0, -signed)))
+def loss(log_odds: np.ndarray, right: np.ndarray, temperature: float, lapse: np.ndarray | float = 0.0) -> np.ndarray:
+    """Mean logarithmic loss, nats, of log-odds (cases,) divided by ``temperature``, with ``lapse`` (...,), against what
+    was ``right``."""
+    left = np.logaddexp(0.0, log_odds / temperature)  # -log of the chance that it is wrong
+    share = np.asarray(lapse)[..., None]
+    wrong = share + (1.0 - share) * np.exp(-left)
+    hit = np.log1p(-share) + log_odds / temperature - left
+    return np.asarray(-np.where(right, hit, np.log(wrong)).mean(-1))
 
 
-def fit(log_odds: np.ndarray, right: np.ndarray) -> float:
-    """The temperature of least loss; the loss is convex in 1/T, so a golden section over it finds the only one."""
-    low, high, golden = 1.0 / _HOTTEST, 1.0 / _COLDEST, (math.sqrt(5.0) - 1.0) / 2.0
-    while high - low > 1e-7:
-        left, far = high - golden * (high - low), low + golden * (high - low)
-        if loss(log_odds, right, 1.0 / left) < loss(log_odds, right, 1.0 / far):
-            high = far
-        else:
-            low = left
-    return 2.0 / (low + high)
+def fit(log_odds: np.ndarray, right: np.ndarray) -> tuple[float, float]:
+    """Temperature and lapse of least loss; no lapse is less than all cases could show if they were right."""
+    lapses = np.linspace(1.0 / (len(right) + 2), 0.5, _LAPSES)
+    losses = np.stack([loss(log_odds, right, float(T), lapses) for T in _TEMPERATURES])
+    at, which = np.unravel_index(int(np.argmin(losses)), losses.shape)
+    return float(_TEMPERATURES[at]), float(lapses[which])
 
 
 def freeze(sources: Sequence[Path], out: Path) -> Calibration:
@@ -69,14 +70,15 @@ def freeze(sources: Sequence[Path], out: Path) -> Calibration:
         problems.append(f"all {len(right)} cases are {every}: no temperature is best; add harder or easier cases.")
     if problems:
         raise CalibrationError("\n".join(problems))
-    temperature = max(fit(log_odds, right), _SUREST)
+    temperature, lapse = fit(log_odds, right)
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "temperature": temperature,
+        "lapse": lapse,
         "seeds": sorted({one["seed_hash"] for one in read_}),
         "cases": len(right),
-        "loss_before": loss(log_odds, right, 1.0),
-        "loss_after": loss(log_odds, right, temperature),
+        "loss_before": float(loss(log_odds, right, 1.0)),
+        "loss_after": float(loss(log_odds, right, temperature, lapse)),
     }
     replace(out, json.dumps({**content, "sha256": digest(content)}, indent=1) + "\n")
     return read(out)
@@ -86,7 +88,7 @@ def _data(path: Path) -> dict[str, Any]:
     """Calibration data, checked."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        good = content["schema"] == SCHEMA and len(content["seed_hash"]) == 64
+        good = content["schema"] == DATA and len(content["seed_hash"]) == 64
         good = good and all(
             math.isfinite(case["log_odds"]) and type(case["right"]) is bool for case in content["cases"]
         )
@@ -111,8 +113,8 @@ def main() -> int:
         print(error, file=sys.stderr)
         return 2
     print(
-        f"temperature {found.temperature:.4g} from {found.cases} cases; logarithmic loss {found.before:.4g} to "
-        f"{found.after:.4g} nats; {options.out}, SHA-256 {found.digest}"
+        f"temperature {found.temperature:.4g} and lapse {found.lapse:.4g} from {found.cases} cases; logarithmic loss "
+        f"{found.before:.4g} to {found.after:.4g} nats; {options.out}, SHA-256 {found.digest}"
     )
     return 0
 

@@ -1,9 +1,13 @@
-"""How much of a decision's log-odds to believe: a temperature that was fitted on sealed simulated cases and frozen.
+"""How much of a decision's odds to believe: a temperature and a lapse, fitted on sealed simulated cases and frozen.
 
-A model that is not true is surer than it should be, right or wrong. The odds of the leading hypothesis are taken to the
-power 1/T (Guo et al., ICML 70 (2017) 1321, for two classes), it is believed no more than so many cases could show had
-all been right (Laplace, Essai philosophique sur les probabilités (1814), rule of succession), and the others share the
-rest as before. The file has its own hash and those of its seeds, with which no check may be made.
+A model that is not true is surer than it should be, right or wrong: the odds of the leading hypothesis are taken to the
+power 1/T. And a search that misses something knows nothing of it, however sure it is: of all logs the share λ is taken
+from what is left, no less than so many cases could show had all been right. The others share the rest as before. The
+file has its own hash and those of its seeds, with which no check may be made.
+
+Source: Guo et al., ICML 70 (2017) 1321 (temperature, for two classes); Wichmann, Hill, Percept. Psychophys. 63 (2001)
+1293 (a curve that misses its lapses bends to them); Laplace, Essai philosophique sur les probabilités (1814) (rule of
+succession).
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-SCHEMA = 1
+SCHEMA = 2
 FROZEN = Path(__file__).with_name("calibration.json")
 CLOSEST = 1e-6  # probabilities nearer to 0 or 1 count as this
 
@@ -27,26 +31,23 @@ class CalibrationError(Exception):
 
 @dataclass(frozen=True)
 class Calibration:
-    """``temperature`` of the log-odds; ``seeds``: hashes of those it was fitted on; ``cases``; mean logarithmic loss,
-    nats, ``before`` and ``after``; ``digest`` of the file."""
+    """``temperature`` of the log-odds; ``lapse``, share of logs of which a search may miss something; ``seeds``: hashes
+    of those it was fitted on; ``cases``; mean logarithmic loss, nats, ``before`` and ``after``; ``digest`` of the
+    file."""
 
     temperature: float
+    lapse: float
     seeds: tuple[str, ...]
     cases: int
     before: float
     after: float
     digest: str
 
-    @property
-    def most(self) -> float:
-        """What so many cases could show at most, had all been right (rule of succession)."""
-        return (self.cases + 1) / (self.cases + 2)
-
     def believed(self, leading: float) -> float:
-        """The probability of a leading hypothesis; one below a half is left."""
+        """The probability of a leading hypothesis; one below a half is left, none falls below it."""
         p = min(max(leading, CLOSEST), 1.0 - CLOSEST)
         tempered = 1.0 / (1.0 + math.exp(-math.log(p / (1.0 - p)) / self.temperature))
-        return min(tempered, self.most) if p > 0.5 else leading
+        return max((1.0 - self.lapse) * tempered, 0.5) if p > 0.5 else leading
 
 
 def read(path: Path = FROZEN) -> Calibration:
@@ -61,6 +62,7 @@ def read(path: Path = FROZEN) -> Calibration:
         raise CalibrationError(f"{path}: is not as it was frozen; freeze it again.")
     return Calibration(
         content["temperature"],
+        content["lapse"],
         tuple(content["seeds"]),
         content["cases"],
         content["loss_before"],
