@@ -166,10 +166,13 @@ def test_the_rates_of_the_diagnosis_are_those_of_its_checks(document: str) -> No
 
 
 def test_no_check_was_made_on_a_seed_of_the_calibration() -> None:
-    checks = json.loads((ROOT / "docs" / "blind.json").read_text(encoding="utf-8"))
-    assert {check["seed_hash"] for check in checks.values()}.isdisjoint(calibration.read().seeds)
-    for check in checks.values():
+    kinds = json.loads((ROOT / "docs" / "blind.json").read_text(encoding="utf-8"))
+    checks = [check for kind in kinds.values() for check in kind["checks"]]
+    assert {check["seed_hash"] for check in checks}.isdisjoint(calibration.read().seeds)
+    for check in checks:
         assert seed_hash(check["seed"]) == check["seed_hash"]
+    for kind in kinds.values():
+        assert kind["cases"] == sum(check["cases"] for check in kind["checks"]) == kind["summary"]["failed"]["count"]
 
 
 def test_the_table_has_a_row_of_full_cells_for_every_effect() -> None:

@@ -1,6 +1,6 @@
-"""What sealed checks found, of several kinds in one file, and the table that README and docs have of it.
+"""What sealed checks found, those of a kind together, in one file, and the table that README and docs have of it.
 
-python -m hdagen.blind.rates blind-single/blind.json blind-none/blind.json --out docs/blind.json
+python -m hdagen.blind.rates blind-single/blind.json blind-none-1/blind.json blind-none-2/blind.json --out docs/blind.json
 python -m hdagen.blind.rates docs/blind.json
 """
 
@@ -11,6 +11,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,37 @@ from hdagen.blind.bars import BARS
 from hdagen.blind.blind_page import KINDS
 from hdagen.blind.figures import Figure
 from hdagen.blind.run import replace
+from hdagen.blind.score import Row, summary
 from hdagen.blind.words import WORDS, said
 
-KEPT = ("kind", "cases", "seconds", "version", "machine", "seal", "seed", "seed_hash", "summary")
+NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
+KEPT = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_hash")
 
 
 def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Of each report what the table needs and what it takes to run it again, by kind."""
-    return {report["kind"]: {key: report[key] for key in KEPT} for report in reports}
+    """By kind: the figures over all cases of its checks, and of each check what it takes to run it again. ValueError
+    where a seed stands twice, as its cases would count twice."""
+    kinds: dict[str, list[Mapping[str, Any]]] = {}
+    for report in reports:
+        kinds.setdefault(report["kind"], []).append(report)
+    found = {}
+    for kind, checks in kinds.items():
+        seeds = [check["seed"] for check in checks]
+        if len(set(seeds)) < len(seeds):
+            raise ValueError(f"{kind}: a seed stands twice among {', '.join(sorted(seeds))}; give each check once.")
+        figures = summary([_row(row) for check in checks for row in check["rows"]])
+        found[kind] = {
+            "cases": sum(check["cases"] for check in checks),
+            "summary": {name: figure.json() for name, figure in figures.items()},
+            "checks": [{key: check[key] for key in KEPT} for check in checks],
+        }
+    return found
+
+
+def _row(stated: Mapping[str, Any]) -> Row:
+    """A row as blind.json has it, which knows no NaN and no tuple."""
+    values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.items()}
+    return Row(**{key: math.nan if value is None and key in NUMBERS else value for key, value in values.items()})
 
 
 def table(checks: Mapping[str, Any]) -> str:
@@ -62,7 +86,12 @@ def main() -> int:
     options = p.parse_args()
     read = [json.loads(path.read_text(encoding="utf-8")) for path in options.files]
     if options.out:
-        replace(options.out, json.dumps(combined(read), indent=1) + "\n")
+        try:
+            content = combined(read)
+        except ValueError as error:
+            print(error, file=sys.stderr)
+            return 2
+        replace(options.out, json.dumps(content, indent=1) + "\n")
         return 0
     sys.stdout.write(table(read[0]))
     return 0
