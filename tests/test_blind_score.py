@@ -395,13 +395,14 @@ def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
 def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> None:
     rows = _many(kind)
 
-    def check(some: list[Row], seed: str) -> dict[str, Any]:
+    def check(some: list[Row], seed: str, kind: str = kind) -> dict[str, Any]:
         asked = Check(kind, len(some), seed, 2, 10.0, tmp_path)
         return dict(json.loads(written(report(asked, seal.Seal("ab" * 32, len(some)), some))))
 
     whole, parts = check(rows, "s"), [check(rows[:10], "a"), check(rows[10:], "b")]
-    together = rates.combined([*parts, check(_many("task"), "c")])
-    assert together[kind]["summary"] == rates.combined([whole])[kind]["summary"] == whole["summary"]
+    together = rates.combined([*parts, check(_many("task"), "c", "task")])
+    assert rates.combined([whole])[kind]["summary"] == whole["summary"]
+    assert together[kind]["summary"] == whole["summary"]
     assert together[kind]["cases"] == 24 and [one["seed"] for one in together[kind]["checks"]] == ["a", "b"]
     assert set(together) == {kind, "task"} and rates.table(together).count("\n| one effect on a circle task |") >= 3
     with pytest.raises(ValueError, match="a seed stands twice"):

@@ -1,6 +1,6 @@
 """What sealed checks found, those of a kind together, in one file, and the table that README and docs have of it.
 
-python -m hdagen.blind.rates blind-single/blind.json blind-none-1/blind.json blind-none-2/blind.json --out docs/blind.json
+python -m hdagen.blind.rates blind-single/blind.json blind-none/blind.json again/blind.json --out docs/blind.json
 python -m hdagen.blind.rates docs/blind.json
 """
 
@@ -48,8 +48,8 @@ def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _row(stated: Mapping[str, Any]) -> Row:
     """A row as blind.json has it, which knows no NaN and no tuple."""
-    values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.items()}
-    return Row(**{key: math.nan if value is None and key in NUMBERS else value for key, value in values.items()})
+    values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in stated.items()}
+    return Row(**(values | {key: math.nan for key in NUMBERS if values[key] is None}))
 
 
 def table(checks: Mapping[str, Any]) -> str:
