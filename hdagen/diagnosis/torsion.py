@@ -23,6 +23,7 @@ TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # of the kinematic error, with
 LOADED = 0.1  # of its usual torque, from which a joint's torque has a sign for certain
 PASSES = 6  # of weighing rows anew
 BEYOND = np.geomspace(0.002, 0.3, 60)  # shares of the rows that lie beyond a wall that is tried
+FINER = 41  # angles between those beside the best of them
 CLEAR = 0.7  # of the sum of what is left of the torque, that a wall must leave at most
 POINTS = 401  # of the law of torsion
 TINY = 1e-300
@@ -84,12 +85,19 @@ def _walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, flo
         usual = arm.parameters.described[name].typical or 0.0
         toward, pushed, most = sign * angle, sign * torque, float(np.abs(torque).sum())
         tried = np.quantile(toward, 1.0 - BEYOND)
-        fits = [_spring(np.maximum(toward - at, 0.0), pushed) for at in tried]
-        best = int(np.argmin([missed for _, missed in fits]))
-        stiffness, missed = fits[best]
+        best, *_ = _wall(tried, toward, pushed)
+        between = np.linspace(tried[min(best + 1, len(tried) - 1)], tried[max(best - 1, 0)], FINER)
+        best, stiffness, missed = _wall(between, toward, pushed)  # few rows tell of the way into a hard wall
         if missed < CLEAR * most and stiffness > usual:
-            sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * tried[best])
+            sizes[name], shapes[f"contact_{side}_{j}"] = stiffness, float(sign * between[best])
     return sizes, shapes
+
+
+def _wall(tried: Array, toward: Array, pushed: Array) -> tuple[int, float, float]:
+    """Which of the angles ``tried`` tells the torque best as that of a wall, with its stiffness and what it misses."""
+    fits = [_spring(np.maximum(toward - at, 0.0), pushed) for at in tried]
+    best = int(np.argmin([missed for _, missed in fits]))
+    return best, *fits[best]
 
 
 def _spring(depth: Array, torque: Array) -> tuple[float, float]:
