@@ -229,6 +229,18 @@ def test_a_wall_is_read_off_where_it_stands(sign: float, stiffness: float) -> No
     assert shapes[f"contact_{side}_1"] == pytest.approx(sign * 0.42, abs=0.01)
 
 
+def test_a_hard_wall_against_which_an_arm_rests_is_read_off_where_it_begins() -> None:
+    """A row or two tell of the way into it: between the shares of rows that lie beyond an angle there is a jump."""
+    arm = described(contact_stiffness_above_1=0.0, contact_stiffness_below_1=0.0)
+    free = 0.4 * np.sin(np.linspace(0, 40, 7600))
+    into = np.r_[np.linspace(0.4, 0.424, 12), np.full(380, 0.424), np.linspace(0.424, 0.4, 12)]
+    angle = np.concatenate([free, into + np.random.default_rng(3).normal(0, 1e-6, len(into))])
+    torque = 2e4 * np.maximum(angle - 0.42, 0.0) + np.random.default_rng(1).normal(0, 0.5, len(angle))
+    sizes, shapes = _walls(arm, 1, angle, torque)
+    assert shapes["contact_above_1"] == pytest.approx(0.42, abs=5e-4)
+    assert sizes["contact_stiffness_above_1"] == pytest.approx(2e4, rel=0.1)
+
+
 @pytest.mark.parametrize("torque", ["noise", "spring", "friction"])
 def test_no_wall_is_read_off_where_there_is_none(torque: str) -> None:
     arm = described(contact_stiffness_above_1=0.0, contact_stiffness_below_1=0.0)
