@@ -18,6 +18,7 @@ from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.log import Log
 from hdagen.plant import Arm
+from hdagen.together import together
 
 Builder = Callable[..., Compiled]
 EFFECTS = ("presliding_friction", "transmission_hysteresis", "sensor_delay", "current_loop_lag")
@@ -150,6 +151,17 @@ def test_lanes_near_one_begin_their_windows_with_its_memory(build: Builder) -> N
     for seen in (state, pushed, kicked):
         assert np.array_equal(seen[~own], read[~own]) and not np.array_equal(seen[own], read[own])
     assert not np.array_equal(sh.predict(Lane(p, begun, memory=2.0 * memory)), read)
+
+
+def test_first_states_of_one_point_are_not_those_of_another_that_is_asked_for_meanwhile(build: Builder) -> None:
+    sh = shooting(build, "native")
+    p, _ = sh.begin()
+    late, place = p.copy(), list(sh.arm.parameters.described).index("sensor_delay_1")
+    late[place] = 5e-3
+    alone = [sh.begun(p), sh.begun(late)]
+    assert not np.array_equal(*alone) and sh.arm.p[place] == 0.0
+    for found in (together(lambda k: sh.begun((p, late)[k % 2]), range(2)) for _ in range(300)):
+        assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=True))
 
 
 def test_the_input_stage_goes_by_its_own_parameters(build: Builder) -> None:

@@ -220,13 +220,13 @@ class Shooting:
 
     def begun(self, p: Array) -> Array:
         """First states (W, m) as measured by sensors of parameters ``p``, no spring twisted further than it bears."""
-        arm, x = self.arm, self.record.begun.copy()
-        arm._prepare(p)
-        unread(arm, x, range(1, arm.n + 1))
-        arm._prepare(np.array([q.nominal for q in arm.parameters.described.values()]))
-        for j, most in zip(arm.manifest["flexible"], self.most_twisted, strict=True):
-            motor, joint = (arm.index(f"{side}_position_{j}") for side in ("motor", "joint"))
-            base = x[:, motor] / arm.parameters[f"ratio_{j}"]
+        with self._seat() as seat:  # threads share the shooting's own arm, which nobody may set
+            arm, x = seat.arm, self.record.begun.copy()
+            arm._prepare(p)
+            unread(arm, x, range(1, arm.n + 1))
+        for j, most in zip(self.arm.manifest["flexible"], self.most_twisted, strict=True):
+            motor, joint = (self.arm.index(f"{side}_position_{j}") for side in ("motor", "joint"))
+            base = x[:, motor] / self.arm.parameters[f"ratio_{j}"]
             x[:, joint] = base - np.clip(base - x[:, joint], -most, most)
         return x[:, : self.m]
 
