@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
+from hdagen.diagnosis.bounds import Bounds, bounded
 from hdagen.diagnosis.candidates import SLAB, Dictionary
 from hdagen.diagnosis.linear import ROUNDED, Linear, Reduced, Summed
 from hdagen.plant import Array
@@ -27,7 +28,6 @@ from hdagen.together import together
 TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # s, in units of unexplained torque
 ROUGHLY = 8  # every which of them a first look takes
 STRIDES = 4, 2, 1  # in which a closer look goes
-MOST_CHANGES = 20  # of what is held at its bounds
 SCALES = 12  # at most, times that the windows are weighed anew
 STILL = 0.05  # change of log κ² below which they are not
 
@@ -65,9 +65,6 @@ class Scored:
     atoms: tuple[int, ...]
     evidence: float
     at: Posterior
-
-
-Bounds = tuple[Array, Array]  # lowest and highest θ (P)
 
 
 def posteriors(
@@ -153,26 +150,6 @@ def _factor(M: Array) -> tuple[Array, bool]:
         values, vectors = scipy.linalg.eigh(M)
         factor, lower = scipy.linalg.cho_factor((vectors * np.maximum(values, 0.0)) @ vectors.T + one, lower=True)
     return factor, lower
-
-
-def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
-    """θ with the least ½ θ'Hθ − g'θ within ``bounds``, ``free`` being that without them.
-
-    What leaves its bounds is held there, and let go again where its slope points inwards; the rest is solved anew.
-    """
-    low, high = bounds
-    theta, held = free.copy(), np.zeros(len(free), bool)
-    for _ in range(MOST_CHANGES):
-        outside = ~held & ((theta < low) | (theta > high))
-        slope = H @ theta - g
-        back = held & np.where(theta <= low, slope < 0, slope > 0) & (low < high)
-        if not outside.any() and not back.any():
-            break
-        held = (held & ~back) | outside
-        theta = np.clip(theta, low, high)
-        left = ~held
-        theta[left] = np.linalg.solve(H[np.ix_(left, left)], g[left] - H[np.ix_(left, held)] @ theta[held])
-    return np.clip(theta, low, high)
 
 
 def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:

@@ -8,15 +8,16 @@ holds against what pushes the link back.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hdagen.diagnosis.asked import asked
+from hdagen.diagnosis.bounds import Bounds, bounded
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record
-from hdagen.plant import Arm, Array
+from hdagen.plant import Arm, Array, Parameter
 from hdagen.torques import full_torque
 
 TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # of the kinematic error, with the words of its parameters
@@ -24,6 +25,8 @@ LOADED = 0.1  # of its usual torque, from which a joint's torque has a sign for 
 PASSES = 6  # of weighing rows anew
 BEYOND = np.geomspace(0.002, 0.3, 60)  # shares of the rows that lie beyond a wall that is tried
 FINER = 41  # angles between those beside the best of them
+WAVES = 4.0  # usual sizes, that an eccentricity or a kinematic error is read off to have at most
+ALIKE = 1e-10  # of a column's square, that keeps columns apart which a joint that hardly moves does not
 CLEAR = 0.7  # of the sum of what is left of the torque, that a wall must leave at most
 POINTS = 401  # of the law of torsion
 TINY = 1e-300
@@ -56,11 +59,8 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
         twist = theta / arm.parameters[f"ratio_{j}"] - read
         law = _law(arm, j)
         columns = np.stack([*terms.values(), np.interp(tau, *law), tau, grid.rate(tau)], 1)
-        values = _regressed(columns[loaded], twist[loaded])
-        seen = {
-            name: float(np.clip(value, described[name].low, described[name].high))
-            for name, value in zip(terms, values, strict=False)
-        }
+        values = _regressed(columns[loaded], twist[loaded], _bounds([described[name] for name in terms], columns))
+        seen = {name: float(value) for name, value in zip(terms, values, strict=False)}
         borne = twist - columns[:, : len(terms)] @ values[: len(terms)]
         untold = np.interp(borne, law[1], law[0]) - tau  # what pushes the link back
         sizes, shapes = _walls(arm, j, q[shown, j - 1], untold[shown])
@@ -135,12 +135,26 @@ def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Ar
     return terms
 
 
-def _regressed(matrix: Array, sought: Array) -> Array:
-    """Coefficients of the columns of ``matrix`` that give ``sought`` best."""
+def _bounds(terms: Sequence[Parameter], columns: Array) -> Bounds:
+    """Lowest and highest coefficient of each column, the first being those of ``terms``. A wave is held to a few of its
+    usual size: a bias and the arc of a large one together are a parabola, which told the torque of a wall."""
+    most = np.full(columns.shape[1], np.inf)
+    low, high = -most, most
+    for k, q in enumerate(terms):
+        reach = WAVES * (q.typical or 0.0) if q.name.startswith(("eccentricity", "kinematic")) else np.inf
+        low[k], high[k] = max(q.low, -reach), min(q.high, reach)
+    return low, high
+
+
+def _regressed(matrix: Array, sought: Array, bounds: Bounds) -> Array:
+    """Coefficients of the columns of ``matrix`` within ``bounds`` that give ``sought`` best."""
     scale = np.maximum(np.abs(matrix).max(0), 1e-300)
-    matrix, weight = matrix / scale, np.ones(len(sought))
+    matrix, weight, (low, high) = matrix / scale, np.ones(len(sought)), bounds
     for _ in range(PASSES):
-        found = np.linalg.lstsq(matrix * weight[:, None], sought * weight, rcond=1e-9)[0]
+        weighed, told = matrix * weight[:, None], sought * weight
+        free = np.asarray(np.linalg.lstsq(weighed, told, rcond=1e-9)[0], float)
+        H = weighed.T @ weighed + ALIKE * len(sought) * np.eye(len(scale))
+        found = bounded(H, weighed.T @ told, free, (low * scale, high * scale))
         left = sought - matrix @ found
         weight = 1.0 / np.sqrt(1.0 + (left / max(2.0 * float(np.median(np.abs(left))), 1e-300)) ** 2)
     return np.asarray(found / scale)
