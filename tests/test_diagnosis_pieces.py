@@ -22,7 +22,7 @@ from hdagen.diagnosis.linear import Gram, Linear, Summed
 from hdagen.diagnosis.memory import returned
 from hdagen.diagnosis.search import BRIM, _brimming, bared, first_whole
 from hdagen.diagnosis.told import Told
-from hdagen.diagnosis.torsion import _walls, _zeroed
+from hdagen.diagnosis.torsion import _bounds, _regressed, _walls, _zeroed
 
 
 def described(**parameters: float) -> Any:
@@ -239,6 +239,26 @@ def test_a_hard_wall_against_which_an_arm_rests_is_read_off_where_it_begins() ->
     sizes, shapes = _walls(arm, 1, angle, torque)
     assert shapes["contact_above_1"] == pytest.approx(0.42, abs=5e-4)
     assert sizes["contact_stiffness_above_1"] == pytest.approx(2e4, rel=0.1)
+
+
+def test_the_torque_of_a_wall_is_not_told_by_a_bias_and_the_arc_of_a_large_eccentricity() -> None:
+    rng = np.random.default_rng(4)
+    angle, torque = 0.15 + 0.44 * np.sin(np.linspace(0, 60, 6000)), rng.normal(0, 2.0, 6000)
+    walled = angle < -0.22
+    columns = np.stack([-np.ones(6000), -np.sin(angle), -np.cos(angle), torque], 1)
+    true = np.array([3e-4, 4e-4, -2e-4, 1e-4])
+    twist = columns @ true - 2e-3 * walled + rng.normal(0, 1e-6, 6000)
+    named = {"encoder_bias_1": (0.1, 1e-3), "eccentricity_sine_1": (0.01, 5e-4), "eccentricity_cosine_1": (0.01, 5e-4)}
+    terms: Any = [
+        SimpleNamespace(name=name, low=-most, high=most, typical=usual) for name, (most, usual) in named.items()
+    ]
+    low, high = _bounds(terms, columns)
+    assert list(high) == [0.1, 4 * 5e-4, 4 * 5e-4, np.inf] and np.array_equal(low, -high)
+    found = _regressed(columns, twist, (low, high))
+    assert (np.abs(found) <= high * (1 + 1e-9)).all() and found[3] == pytest.approx(1e-4, rel=0.05)
+    left = twist - columns @ found
+    assert np.median(left[walled]) < -1e-3, "what pushes back there is still to be told"
+    np.testing.assert_allclose(_regressed(columns[~walled], twist[~walled], (low, high)), true, rtol=0.02)
 
 
 @pytest.mark.parametrize("torque", ["noise", "spring", "friction"])
