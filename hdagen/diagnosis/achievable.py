@@ -12,7 +12,6 @@ Source: Rahimi, Recht, NIPS 20 (2007) 1177 (random features).
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,16 +47,15 @@ class Map:
     def of(cls, features: Array, target: Array) -> Map:
         """Fitted to ``target`` (K,) by ``features`` (K, F), with the ridge that tells what it has not seen best."""
         mean, scale, level = features.mean(0), np.maximum(features.std(0), 1e-12), float(target.mean())
-        ends = np.linspace(0, len(target), BLOCKS + 1).round().astype(int)
-        parts = [slice(a, b) for a, b in itertools.pairwise(ends)]
         X, y = features - mean, target - level
         X /= scale
-        grams, sums = [X[k].T @ X[k] for k in parts], [X[k].T @ y[k] for k in parts]
+        parts = list(zip(np.array_split(X, BLOCKS), np.array_split(y, BLOCKS), strict=True))
+        grams, sums = [x.T @ x for x, _ in parts], [x.T @ part for x, part in parts]
         whole, all_, eye = np.sum(grams, 0), np.sum(sums, 0), np.eye(X.shape[1])
         losses = [
             sum(
-                _left(X[k], y[k], np.linalg.solve(whole - N + ridge * len(y) * eye, all_ - b))
-                for k, N, b in zip(parts, grams, sums, strict=True)
+                _left(x, part, np.linalg.solve(whole - N + ridge * len(y) * eye, all_ - b))
+                for (x, part), N, b in zip(parts, grams, sums, strict=True)
             )
             for ridge in RIDGES
         ]

@@ -25,6 +25,7 @@ from hdagen.replay import Replay
 SHOWN = 8  # candidates in the figures
 RARE = 1e-3  # probability below which a hypothesis is not listed
 NEVER = 1e-4  # below which its size says nothing
+LITTLE = f"less than {NEVER:g}"
 TOLD = (0.5, 0.9)  # posterior by prior width, up to which the data said much, and a little
 LAG = 0.25  # s, of the correlations of what is left
 
@@ -105,14 +106,11 @@ def _candidates(content: dict[str, Any]) -> Section:
         )
     named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
     others = sum(float(r[1]) for r in rows[named:])
-    rest = f"The other {len(rows) - named} hold {_much(others)} together." if len(rows) > named else ""
-    listed = [[name, _much(float(p))] for name, p in rows[:named]]
+    together = f"{others:.2g}" if others >= NEVER else LITTLE
+    rest = f"The other {len(rows) - named} hold {together} together." if len(rows) > named else ""
+    listed = [[name, p if float(p) >= NEVER else LITTLE] for name, p in rows[:named]]
     figures.append(table("Hypotheses", ["hypothesis", "probability"], listed, caption=rest))
     return Section("How sure", text, figures)
-
-
-def _much(probability: float) -> str:
-    return f"{probability:.2g}" if probability >= NEVER else f"less than {NEVER:g}"
 
 
 def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:

@@ -81,9 +81,10 @@ class Course:
         """Those alone that are looked at, a row between them: none begins as the one before ends."""
         first, end = record.starts[record.kept], record.ends[record.kept]
         rows = np.concatenate([np.append(np.arange(a, b), a) for a, b in zip(first, end, strict=True)])
-        begins = np.cumsum(end - first + 1) - (end - first + 1)
-        edges = np.stack([begins, begins + end - first], 1)
-        return cls(rows, len(rows), edges, int((end - first).sum()), record.kept, slice(None))
+        ends = np.cumsum(end - first + 1) - 1
+        return cls(
+            rows, len(rows), np.stack([ends - (end - first), ends], 1), len(rows) - len(ends), record.kept, slice(None)
+        )
 
 
 @dataclass(frozen=True, eq=False)
