@@ -128,6 +128,12 @@ class Dictionary:
         )
         return replace(self, columns=columns, share=share)
 
+    def another(self, k: int, shapes: Mapping[str, float]) -> Dictionary:
+        """With one more atom, the last: the effect of atom k with other shapes."""
+        atom = replace(self.atoms[k], shapes=dict(shapes), first=False)
+        own = [replace(c, spike=SILENT, atom=len(self.atoms), base=False) for c in self.columns if c.atom == k]
+        return replace(self, atoms=(*self.atoms, atom), columns=(*self.columns, *own))
+
     def meaning(self, atoms: tuple[int, ...]) -> Dictionary:
         """The same columns where only these atoms are meant."""
         return replace(self, meant=frozenset(self.atoms[k].name for k in atoms))

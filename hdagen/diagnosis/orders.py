@@ -1,9 +1,9 @@
 """Which ripple the motors show: the order at which the torque that nothing explains goes with the motor's angle.
 
 Cogging and commutation repeat a whole number of times a turn of the motor. Their order cannot be found by small steps
-from another, so it is read off before the search: none of the effects meant and all of them tolerated (small amounts
-of them would hide it), the smoothed unexplained torque of each part of a window is compared with the mean of the sine
-and the cosine over the rows of that part.
+from another, so it is read off: before the search, none of the effects meant and all of them tolerated (small amounts
+of them would hide it), and again of what a leader leaves, which may have hidden it. The smoothed unexplained torque of
+each part of a window is compared with the mean of the sine and the cosine over the rows of that part.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdagen.diagnosis.candidates import Dictionary
 from hdagen.diagnosis.design import knots
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested
 from hdagen.plant import Array
 
+EFFECT = "torque_ripple"
 ORDERS = np.arange(1, 97)
 CLEAR = 12.0  # gain of the best order over the usual one, in standard errors squared, from which it is taken
 KEPT = 3  # orders that are tried
@@ -32,6 +34,18 @@ def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
             usual = arm.parameters.described[name].starts
             shapes[name] = tuple(dict.fromkeys((*_orders(nothing, j), *usual)))[: KEPT + 1]
     return replace(suggested, shapes=shapes)
+
+
+def heard(lead: Fitted, words: Dictionary) -> Dictionary:
+    """``words`` with a ripple of each joint's clearest order in what ``lead`` leaves, where they have none of it."""
+    for k in [k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first]:
+        atom = words.atoms[k]
+        known = [float(*a.shapes.values()) for a in words.atoms if a.name == atom.name]
+        clear = [] if atom.name in lead.names else _orders(lead, atom.joint)[:1]
+        for order in clear:
+            if order not in known:
+                words = words.another(k, {f"ripple_order_{atom.joint}": order})
+    return words
 
 
 def _orders(fit: Fitted, j: int) -> tuple[float, ...]:

@@ -12,7 +12,7 @@ from hdagen.diagnosis.candidates import SHARES, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
 from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened, sharing
-from hdagen.diagnosis.orders import with_orders
+from hdagen.diagnosis.orders import heard, with_orders
 from hdagen.diagnosis.scan import Start, scan
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
@@ -112,6 +112,8 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
     leads = [lead, *[f for f in fitted if f is not lead and f.whole and f.atoms and _much(lead, fitted)][:1]]
     while len(leads[0].atoms) < MOST:
         before = leads[0]
+        for lead in leads:
+            words = heard(lead, words)
         further = [fit for lead in leads for fit in _beside(at, words, lead)]
         leads, fitted = [], bared(fitted)
         if further:
@@ -282,7 +284,8 @@ def _clean(fit: Fitted) -> bool:
 
 def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     """The lead with each further effect that promises most about it, begun there, and with those that stand in it as
-    large as it tolerates: in a valley that bends, the slope promises little of them."""
+    large as it tolerates: in a valley that bends, the slope promises little of them. Ripples of an order that was heard
+    about a lead begin where that stands."""
     full = chosen(at, words.focused(lead.atoms, every=True), lead.design)
     others = [k for k in range(len(words.atoms)) if words.atoms[k].name not in full.words.meant]
     hypotheses = [lead.atoms, *((*lead.atoms, k) for k in others)]
@@ -291,8 +294,19 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     found = _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.excess)
     tried = {name for fit in found for name in fit.names}
     brimming = [k for k in _brimming(lead) if words.atoms[k].name not in tried and _fits(full, words, lead.atoms, k)]
-    more = brimming[:MOST_BRIMMING]
-    return [*found, *together(lambda k: begun(full, words, (*lead.atoms, k), lead.score.at.s), more)]
+    late = [k for k in others if k >= len(at.words.atoms)]
+
+    def begin(k: int) -> Fitted:
+        return begun(full, words, (*lead.atoms, k), lead.score.at.s, _shaped(lead, words, k) if k in late else None)
+
+    return [*found, *together(begin, [*brimming[:MOST_BRIMMING], *late])]
+
+
+def _shaped(lead: Fitted, words: Dictionary, k: int) -> Point:
+    """Where the lead stands, with the shapes of an atom that has no columns yet."""
+    p = lead.design.point.p.copy()
+    words.atoms[k].shape(lead.design.shooting.arm, p)
+    return Point(p, lead.design.point.begun)
 
 
 def _brimming(lead: Fitted) -> list[int]:
