@@ -1,9 +1,7 @@
-"""Pieces of the diagnosis by themselves: held steps, what torsion shows, what counts as unknown, the calibration."""
+"""Pieces of the diagnosis by themselves: held steps, what torsion shows, what a hypothesis is made of."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,9 +9,9 @@ import numpy as np
 import pytest
 from test_diagnosis import problem
 
-from hdagen.diagnosis import calibration, search
+from hdagen.diagnosis import search
 from hdagen.diagnosis.candidates import PRESENT, SHARES, Atom
-from hdagen.diagnosis.decide import Hypothesis, _decided, _strange, least
+from hdagen.diagnosis.decide import least
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import laplace, settled
 from hdagen.diagnosis.fitting import _prior
@@ -96,30 +94,6 @@ def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
     fits: Any = [lost, kept, other]
     assert first_whole(fits) is kept  # type: ignore[comparison-overlap]
     assert bared(fits) == ["bare", kept, "bare"]  # type: ignore[comparison-overlap]
-
-
-@pytest.mark.parametrize(
-    ("probable", "said"),
-    [
-        ({"payload@2": 0.97, "": 0.02}, ("payload@2",)),
-        ({"payload@2": 0.7, "": 0.3}, ("payload@2",)),
-        ({"payload@2": 0.6, "": 0.39}, ()),  # an alarm needs more
-        ({"payload@2": 0.6, "stiffness@1": 0.38, "": 0.01}, ("payload@2",)),  # that there is one is in no doubt
-        ({"unknown@1": 0.6, "": 0.35}, ("unknown@1",)),
-        ({"unknown@1": 0.4, "payload@2": 0.3, "stiffness@1": 0.28, "": 0.02}, ("payload@2",)),  # one of two is there
-        ({"unknown@1": 0.2, "payload@2": 0.45, "": 0.35}, ()),
-        ({"": 0.9, "payload@2": 0.05}, ()),
-    ],
-)
-def test_no_effect_is_named_where_none_is_in_doubt(probable: dict[str, float], said: tuple[str, ...]) -> None:
-    fit: Any = "where it stands"
-    given = [Hypothesis((name,) if name else (), p, None if "unknown" in name else fit) for name, p in probable.items()]
-    found = _decided(given, fit)
-    assert found.verdict == said
-    assert found.stated == probable["".join(said)]
-    assert next(h.probability for h in found.hypotheses if h.names == said) == found.probability
-    assert [h.probability for h in found.hypotheses] == sorted((h.probability for h in found.hypotheses), reverse=True)
-    np.testing.assert_allclose(sum(h.probability for h in found.hypotheses), 1.0)
 
 
 def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -319,66 +293,6 @@ def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
     assert (before.N == after.N).all() and (before.b == after.b).all() and before.logdet == after.logdet
     returned()
     returned()
-
-
-def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -> Any:
-    """A fit that leaves that much, of the torque, and of the evidence unless that is given."""
-    at = SimpleNamespace(s=s, level=level)
-    reached = -100.0 * (left if lacks is None else lacks)
-    return SimpleNamespace(score=SimpleNamespace(at=at), reached=reached, clean=0.0, unexplained=np.array([left, 0.0]))
-
-
-def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
-    assert _strange(fit(1.0, 3.0), fit(3.0, 3.1)) > 3  # nothing was told
-    assert _strange(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
-    assert _strange(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
-    assert _strange(fit(0.01, 3.0, level=5.0), fit(0.01, 3.0, level=9.0)) > 3  # no torque, but not noise either
-    assert _strange(fit(1.0, 3.0, lacks=0.1), fit(3.0, 3.1)) < 0.1  # a saturation: the torque stays unexplained
-    assert _strange(fit(1.0, 0.5, lacks=3.0), fit(3.0, 3.1)) < 0.1  # a large error, told for the most part
-    assert _strange(fit(30.0, 0.3), fit(90.0, 3.1)) < 0.1  # so is one whose motion is worth much of its torque
-    assert _strange(fit(30.0, 0.9), fit(90.0, 9.0)) < 0.5
-    assert _strange(fit(1.0, 0.1), fit(1.0, 0.1)) < 0.01  # a little of everything, of which nothing is told
-    assert _strange(fit(30.0, 2.9), fit(90.0, 3.1)) > 3  # unless little is told
-    sizes = [_strange(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
-    assert sizes == sorted(sizes)
-
-
-def frozen(temperature: float, path: Path, lapse: float = 0.0) -> calibration.Calibration:
-    losses = {"loss_before": 1.0, "loss_after": 0.5}
-    content = {"schema": 2, "temperature": temperature, "lapse": lapse, "seeds": [], "cases": 48, **losses}
-    path.write_text(json.dumps({**content, "sha256": calibration.digest(content)}))
-    return calibration.read(path)
-
-
-def test_a_calibrated_probability_is_less_sure_and_keeps_its_order(tmp_path: Path) -> None:
-    found = frozen(4.0, tmp_path / "c.json")
-    stated = np.array([0.51, 0.7, 0.9, 0.99, 1 - 1e-9, 1.0])
-    believed = np.array([found.believed(p) for p in stated])
-    assert (np.diff(believed) >= 0).all() and (believed <= stated).all() and (believed > 0.5).all()
-    assert believed[-1] == pytest.approx(believed[-2]) and believed[-1] < 0.98
-    assert found.believed(0.3) == 0.3
-    odds = believed[1] / (1 - believed[1])
-    assert odds**4 == pytest.approx(0.7 / 0.3)
-    same = frozen(1.0, tmp_path / "c.json")
-    assert same.believed(0.9) == pytest.approx(0.9)
-
-
-def test_nothing_is_believed_beyond_what_a_search_may_miss(tmp_path: Path) -> None:
-    few = frozen(1.0, tmp_path / "c.json", lapse=0.05)
-    assert [few.believed(p) for p in (0.3, 0.52, 0.6, 1.0)] == pytest.approx([0.3, 0.5, 0.57, 0.95], abs=1e-6)
-
-
-def test_the_calibration_that_comes_with_the_product_is_as_it_was_frozen(tmp_path: Path) -> None:
-    content = json.loads(calibration.FROZEN.read_text())
-    assert calibration.read().temperature == content["temperature"] >= 1.0
-    assert calibration.read().lapse == content["lapse"] >= 1.0 / (content["cases"] + 2)
-    content["temperature"] = 1.0 + content["temperature"]
-    changed = tmp_path / "calibration.json"
-    changed.write_text(json.dumps(content))
-    with pytest.raises(calibration.CalibrationError, match="not as it was frozen"):
-        calibration.read(changed)
-    with pytest.raises(calibration.CalibrationError, match="cannot be read"):
-        calibration.read(tmp_path / "none.json")
 
 
 def test_a_column_that_flew_apart_does_not_stop_the_search() -> None:

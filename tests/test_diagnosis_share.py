@@ -12,7 +12,7 @@ from replayed import FLEXIBLE, simulated
 from hdagen.diagnosis.candidates import SHARES, dictionary
 from hdagen.diagnosis.design import TEMPERATURE
 from hdagen.diagnosis.fitting import Fitted, sharing
-from hdagen.diagnosis.orders import with_orders
+from hdagen.diagnosis.orders import heard, with_orders
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import nothing
@@ -59,6 +59,21 @@ def test_a_ripple_s_order_is_found_though_a_little_of_everything_is_there(build:
     assert with_orders(fit, hints).shapes["ripple_order_1"][0] == ORDER
     calm, hints = none(build, 0.0)
     assert ORDER not in with_orders(calm, hints).shapes["ripple_order_1"]
+
+
+def test_an_order_that_is_heard_is_one_more_atom(build: Builder) -> None:
+    fit, hints = none(build, 0.0, RIPPLE)
+    usual = dictionary(fit.design.shooting.arm, hints)
+    words = heard(fit, usual)
+    assert words.atoms[:-1] == usual.atoms and words.columns[: len(usual.columns)] == usual.columns
+    assert (words.atoms[-1].name, dict(words.atoms[-1].shapes)) == ("torque_ripple@1", {"ripple_order_1": ORDER})
+    own = [c.parameter for c in words.columns if c.atom == len(words.atoms) - 1]
+    assert own == [c.parameter for c in usual.columns if usual.atoms[c.atom].name == "torque_ripple@1"][: len(own)]
+    assert not any(c.base for c in words.columns[len(usual.columns) :]) and own
+    assert heard(fit, words) is words  # it is known now
+    calm, hints = none(build, 0.0)
+    usual = dictionary(calm.design.shooting.arm, hints)
+    assert heard(calm, usual) is usual
 
 
 def test_another_share_is_the_same_there_and_back_with_or_without_columns(build: Builder) -> None:

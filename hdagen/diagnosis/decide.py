@@ -29,7 +29,7 @@ NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
 BEYOND = 2.0  # tolerances of the robot file, from which a base parameter off its value is an effect
 LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
-FORM = 0.2  # of the gain of an effect, that another one may bring which makes up for its formula
+FORM = 0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
 DOUBT = 1 / 3  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
 # to change a model that may be right. Of 70 sealed logs without an effect none left less than 0.66
@@ -166,15 +166,23 @@ def _less(
     place: Mapping[str, str],
 ) -> tuple[str, ...]:
     """The set without what is too small to count, ``size`` being in multiples of the least that does, and without an
-    effect that only makes up for the formula of another one between the encoders of the same joint."""
+    effect that only makes up for the formula of others of its kind on the same joint."""
     large = tuple(name for name in names if size[name] >= 1.0)
     for name in large if large == names else ():
         rest = tuple(n for n in names if n != name)
-        beside = [n for n in rest if place[n] in GEAR and n.partition("@")[2] == name.partition("@")[2]]
-        least = FORM * (evidence.get(rest, np.inf) - evidence[()])
-        if place[name] in GEAR and beside and evidence[names] - evidence.get(rest, -np.inf) < least:
+        alike = [n for n in rest if _alike(name, n, place)]
+        without = tuple(n for n in rest if n not in alike)
+        least = FORM * (evidence.get(rest, np.inf) - evidence.get(without, evidence[()]))
+        if alike and evidence[names] - evidence.get(rest, -np.inf) < least:
             return rest
     return large
+
+
+def _alike(one: str, other: str, place: Mapping[str, str]) -> bool:
+    """Whether both act between the encoders of the same joint, or are friction of the same motor: no machine has
+    exactly the formula of either."""
+    gear, friction = {place[n] in GEAR for n in (one, other)}, {"_friction@" in n for n in (one, other)}
+    return one.partition("@")[2] == other.partition("@")[2] and {True} in (gear, friction)
 
 
 def _prior(effects: int, count: int) -> float:

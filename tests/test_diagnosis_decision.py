@@ -1,0 +1,139 @@
+"""The decision: what is named beside what, where none is in doubt, what counts as unknown, and the calibration."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hdagen.diagnosis import calibration
+from hdagen.diagnosis.decide import FORM, Hypothesis, _decided, _less, _strange
+
+PLACES = {
+    "thermal_friction@2": "motor",
+    "position_dependent_friction@2": "motor",
+    "position_dependent_friction@1": "motor",
+    "current_bias@2": "motor",
+    "kinematic_error@1": "transmission",
+    "encoder_eccentricity@1": "sensor",
+}
+
+
+@pytest.mark.parametrize(
+    ("leader", "companion", "sort"),
+    [
+        ("thermal_friction@2", "position_dependent_friction@2", True),
+        ("thermal_friction@2", "position_dependent_friction@1", False),  # the friction of another motor
+        ("thermal_friction@2", "current_bias@2", False),  # no friction
+        ("kinematic_error@1", "encoder_eccentricity@1", True),
+        ("kinematic_error@1", "position_dependent_friction@1", False),
+    ],
+)
+def test_what_may_only_make_up_for_a_formula_must_bring_a_share(leader: str, companion: str, sort: bool) -> None:
+    both = tuple(sorted((leader, companion)))
+    for share, said in ((0.9 * FORM, (leader,) if sort else both), (1.1 * FORM, both)):
+        evidence = {(): -50.0, (leader,): 0.0, (companion,): -49.0, both: 50.0 * share}
+        assert _less(both, {leader: 3.0, companion: 2.0}, evidence, PLACES) == said
+
+
+def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
+    gear, friction, other = "encoder_eccentricity@1", "thermal_friction@2", "position_dependent_friction@2"
+    names = tuple(sorted((gear, friction, other)))
+    evidence = {(): -500.0, (gear,): -20.0, (gear, friction): 0.0, names: 5.0}
+    evidence |= {(gear, other): -19.0, tuple(sorted((friction, other))): -470.0}
+    size = dict.fromkeys(names, 2.0)
+    assert _less(names, size, evidence, PLACES) == names  # 5 of 20, though the gear's gain is 480
+    assert _less(names, size, evidence | {names: 3.0}, PLACES) == (gear, friction)
+
+
+def test_what_is_too_small_is_not_in_the_set() -> None:
+    names = ("current_bias@2", "thermal_friction@2")
+    assert _less(names, dict(zip(names, (0.99, 3.0), strict=True)), {(): -9.0, names: 0.0}, PLACES) == names[1:]
+
+
+@pytest.mark.parametrize(
+    ("probable", "said"),
+    [
+        ({"payload@2": 0.97, "": 0.02}, ("payload@2",)),
+        ({"payload@2": 0.7, "": 0.3}, ("payload@2",)),
+        ({"payload@2": 0.6, "": 0.39}, ()),  # an alarm needs more
+        ({"payload@2": 0.6, "stiffness@1": 0.38, "": 0.01}, ("payload@2",)),  # that there is one is in no doubt
+        ({"unknown@1": 0.6, "": 0.35}, ("unknown@1",)),
+        ({"unknown@1": 0.4, "payload@2": 0.3, "stiffness@1": 0.28, "": 0.02}, ("payload@2",)),  # one of two is there
+        ({"unknown@1": 0.2, "payload@2": 0.45, "": 0.35}, ()),
+        ({"": 0.9, "payload@2": 0.05}, ()),
+    ],
+)
+def test_no_effect_is_named_where_none_is_in_doubt(probable: dict[str, float], said: tuple[str, ...]) -> None:
+    fit: Any = "where it stands"
+    given = [Hypothesis((name,) if name else (), p, None if "unknown" in name else fit) for name, p in probable.items()]
+    found = _decided(given, fit)
+    assert found.verdict == said
+    assert found.stated == probable["".join(said)]
+    assert next(h.probability for h in found.hypotheses if h.names == said) == found.probability
+    assert [h.probability for h in found.hypotheses] == sorted((h.probability for h in found.hypotheses), reverse=True)
+    np.testing.assert_allclose(sum(h.probability for h in found.hypotheses), 1.0)
+
+
+def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -> Any:
+    """A fit that leaves that much, of the torque, and of the evidence unless that is given."""
+    at = SimpleNamespace(s=s, level=level)
+    reached = -100.0 * (left if lacks is None else lacks)
+    return SimpleNamespace(score=SimpleNamespace(at=at), reached=reached, clean=0.0, unexplained=np.array([left, 0.0]))
+
+
+def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
+    assert _strange(fit(1.0, 3.0), fit(3.0, 3.1)) > 3  # nothing was told
+    assert _strange(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
+    assert _strange(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
+    assert _strange(fit(0.01, 3.0, level=5.0), fit(0.01, 3.0, level=9.0)) > 3  # no torque, but not noise either
+    assert _strange(fit(1.0, 3.0, lacks=0.1), fit(3.0, 3.1)) < 0.1  # a saturation: the torque stays unexplained
+    assert _strange(fit(1.0, 0.5, lacks=3.0), fit(3.0, 3.1)) < 0.1  # a large error, told for the most part
+    assert _strange(fit(30.0, 0.3), fit(90.0, 3.1)) < 0.1  # so is one whose motion is worth much of its torque
+    assert _strange(fit(30.0, 0.9), fit(90.0, 9.0)) < 0.5
+    assert _strange(fit(1.0, 0.1), fit(1.0, 0.1)) < 0.01  # a little of everything, of which nothing is told
+    assert _strange(fit(30.0, 2.9), fit(90.0, 3.1)) > 3  # unless little is told
+    sizes = [_strange(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
+    assert sizes == sorted(sizes)
+
+
+def frozen(temperature: float, path: Path, lapse: float = 0.0) -> calibration.Calibration:
+    losses = {"loss_before": 1.0, "loss_after": 0.5}
+    content = {"schema": 2, "temperature": temperature, "lapse": lapse, "seeds": [], "cases": 48, **losses}
+    path.write_text(json.dumps({**content, "sha256": calibration.digest(content)}))
+    return calibration.read(path)
+
+
+def test_a_calibrated_probability_is_less_sure_and_keeps_its_order(tmp_path: Path) -> None:
+    found = frozen(4.0, tmp_path / "c.json")
+    stated = np.array([0.51, 0.7, 0.9, 0.99, 1 - 1e-9, 1.0])
+    believed = np.array([found.believed(p) for p in stated])
+    assert (np.diff(believed) >= 0).all() and (believed <= stated).all() and (believed > 0.5).all()
+    assert believed[-1] == pytest.approx(believed[-2]) and believed[-1] < 0.98
+    assert found.believed(0.3) == 0.3
+    odds = believed[1] / (1 - believed[1])
+    assert odds**4 == pytest.approx(0.7 / 0.3)
+    same = frozen(1.0, tmp_path / "c.json")
+    assert same.believed(0.9) == pytest.approx(0.9)
+
+
+def test_nothing_is_believed_beyond_what_a_search_may_miss(tmp_path: Path) -> None:
+    few = frozen(1.0, tmp_path / "c.json", lapse=0.05)
+    assert [few.believed(p) for p in (0.3, 0.52, 0.6, 1.0)] == pytest.approx([0.3, 0.5, 0.57, 0.95], abs=1e-6)
+
+
+def test_the_calibration_that_comes_with_the_product_is_as_it_was_frozen(tmp_path: Path) -> None:
+    content = json.loads(calibration.FROZEN.read_text())
+    assert calibration.read().temperature == content["temperature"] >= 1.0
+    assert calibration.read().lapse == content["lapse"] >= 1.0 / (content["cases"] + 2)
+    content["temperature"] = 1.0 + content["temperature"]
+    changed = tmp_path / "calibration.json"
+    changed.write_text(json.dumps(content))
+    with pytest.raises(calibration.CalibrationError, match="not as it was frozen"):
+        calibration.read(changed)
+    with pytest.raises(calibration.CalibrationError, match="cannot be read"):
+        calibration.read(tmp_path / "none.json")
