@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from hdagen.diagnosis import calibration
-from hdagen.diagnosis.decide import FORM, Hypothesis, _decided, _less, _strange
+from hdagen.diagnosis.candidates import Atom
+from hdagen.diagnosis.decide import FORM, Hypothesis, _decided, _less, _strange, sizes
 
 PLACES = {
     "thermal_friction@2": "motor",
@@ -48,6 +49,18 @@ def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
     size = dict.fromkeys(names, 2.0)
     assert _less(names, size, evidence, PLACES) == names  # 5 of 20, though the gear's gain is 480
     assert _less(names, size, evidence | {names: 3.0}, PLACES) == (gear, friction)
+
+
+@pytest.mark.parametrize(("time", "came"), [(1.0, 1.0), (10.0, 0.632), (61.0, 0.151)])
+def test_what_comes_over_time_counts_as_far_as_it_came(time: float, came: float) -> None:
+    slow = Atom("thermal_friction", 1, "motor", ("thermal_share_1",), {"thermal_time_1": 10.0}, True)
+    other = Atom("current_bias", 1, "motor", ("current_bias_1",), {}, True)
+    words = SimpleNamespace(atoms=(slow, other), free=list)
+    arm = SimpleNamespace(parameters=SimpleNamespace(described={"thermal_share_1": None, "thermal_time_1": None}))
+    shooting = SimpleNamespace(arm=arm, record=SimpleNamespace(steps=np.full(10_000, 1e-3)))
+    design = SimpleNamespace(words=words, shooting=shooting, point=SimpleNamespace(p=np.array([0.15, time])))
+    fit: Any = SimpleNamespace(atoms=(0, 1), design=design, posterior=(np.array([0.5, -0.7]), None))
+    assert sizes(fit) == pytest.approx({"thermal_friction@1": 0.5 * came, "current_bias@1": 0.7}, abs=1e-3)
 
 
 def test_what_is_too_small_is_not_in_the_set() -> None:

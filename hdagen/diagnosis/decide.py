@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.diagnosis import calibration
-from hdagen.diagnosis.candidates import PRESENT
+from hdagen.diagnosis.candidates import PRESENT, Atom
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
 
@@ -30,6 +30,7 @@ BEYOND = 2.0  # tolerances of the robot file, from which a base parameter off it
 LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
+CONSTANTS = ("thermal_time",)  # s, shapes that say how soon an effect is there
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
 DOUBT = 1 / 3  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
 # to change a model that may be right. Of 70 sealed logs without an effect none left less than 0.66
@@ -76,9 +77,20 @@ class Decision:
 
 
 def sizes(fit: Fitted) -> dict[str, float]:
-    """Of the effects that are free, by name, in usual sizes: what its sines and cosines come to together."""
+    """Of the effects that are free, by name, in usual sizes: what its sines and cosines come to together, and of what
+    comes over time as much as came within the log."""
     words, mean = fit.design.words, fit.posterior[0]
-    return {words.atoms[k].name: float(np.linalg.norm(mean[words.free((k,))])) for k in fit.atoms}
+    whole = {k: float(np.linalg.norm(mean[words.free((k,))])) for k in fit.atoms}
+    return {words.atoms[k].name: size * _came(words.atoms[k], fit) for k, size in whole.items()}
+
+
+def _came(atom: Atom, fit: Fitted) -> float:
+    """The share of an effect that came within the log: of a slow one a large size shows as little as a small one of one
+    that is soon there."""
+    shooting = fit.design.shooting
+    constants = [name for name in atom.shapes if name.startswith(CONSTANTS)]
+    times = [fit.design.point.p[list(shooting.arm.parameters.described).index(name)] for name in constants]
+    return float(np.prod([-np.expm1(-shooting.record.steps.sum() / time) for time in times]))
 
 
 def least(fit: Fitted) -> dict[str, float]:
