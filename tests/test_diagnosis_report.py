@@ -85,6 +85,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "hypotheses": [{"effects": verdict, "probability": 0.9}, {"effects": ["backlash@2"], "probability": 0.1}],
         "parameters": {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in (base or {}).items()},
         "unseen": ["torque_constant@2"],
+        "tolerated": [],
         "control": {
             "law": "impedance_joint",
             "tracking": {"before": 5.76e-4, "after": 4.22e-4},
@@ -358,6 +359,15 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
 def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp_path: Path) -> None:
     page = write(seen(arm, {}), arm, tmp_path / "report.html")
     assert "No effect above the size that counts was found" in page and "by what it goes with" in page
+
+
+def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) -> None:
+    all_ = seen(arm, {})
+    assert "Within tolerance, and not named" not in write(all_, arm, tmp_path / "report.html")
+    tilt = {"tilt_x": {"value": 0.0306, "std": 0.0018, "unit": "m/s²"}}
+    all_[1]["tolerated"] = [{"effect": "gravity_tilt", "joint": 0, "parameters": tilt, "size": 0.037, "gap": 15.2}]
+    page = write(all_, arm, tmp_path / "report.html")
+    assert "Within tolerance, and not named" in page and "tilt_x 0.0306 m/s²" in page and "15.2" in page
 
 
 def test_a_parameter_that_the_data_say_nothing_of_is_marked(arm: Arm, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
@@ -76,6 +77,15 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     before = _counted(replay(plain, held_out.log), seen)
     flexible = corrected(plain, shown, held_out, before)
     changed, after = _stands(robot, plain, content, before, held_out, flexible, seen)
+    say("what is tolerated")
+    content["tolerated"] = tolerated(
+        decision.best,
+        verdict.read(content),
+        before,
+        after,
+        held_out,
+        lambda arm: _counted(replay(arm, held_out.log), seen),
+    )
     say("where and when")
     sight = look(changed, content, held_out.log, before, after)
     content["where"] = where(sight, content, held_out.rows)
