@@ -368,6 +368,9 @@ def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) ->
     all_[1]["tolerated"] = [{"effect": "gravity_tilt", "joint": 0, "parameters": tilt, "size": 0.037, "gap": 15.2}]
     page = write(all_, arm, tmp_path / "report.html")
     assert "Within tolerance, and not named" in page and "tilt_x 0.0306 m/s²" in page and "15.2" in page
+    said = {**all_[1], "gap": {**all_[1]["gap"], "after": 40.0}}
+    assert sentence(said).endswith("Within what is tolerated, gravity tilt of the whole arm would bring it to 15.2.")
+    assert "tolerated" not in sentence({**said, "gap": {**said["gap"], "after": 16.0}})
 
 
 def test_a_parameter_that_the_data_say_nothing_of_is_marked(arm: Arm, tmp_path: Path) -> None:

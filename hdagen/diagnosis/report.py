@@ -87,7 +87,9 @@ def _tolerated(content: dict[str, Any]) -> list[str]:
     """What else would close of the gap though it is within tolerance; nothing where nothing would."""
     rows: list[list[str | float | None]] = []
     for one in content["tolerated"]:
-        values = ", ".join(f"{name} {v['value']:.3g} {v['unit']}" for name, v in one["parameters"].items())
+        values = ", ".join(
+            f"{name} {v['value']:.3g} {v['unit']}" for name, v in one["parameters"].items() if v["value"]
+        )
         rows.append([words(f"{one['effect']}@{one['joint']}"), values, 100 * one["size"], one["gap"]])
     if not rows:
         return []

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from hdagen.diagnosis.separators import separate_by
+from hdagen.pages.quantity import number
 
 LIKELY = 0.01  # probability from which a candidate is spoken of
 SEPARATED = 4  # candidates that a motion is designed for, where none is named
+MORE = 0.75  # of the gap that is left, below which an effect within tolerance brings it if it is spoken of
 FINE = 1000.0  # multiples of the noise, from which the error is said in its unit, too
 
 
@@ -25,15 +27,28 @@ def sentence(content: dict[str, Any]) -> str:
         sized = "" if p is None else f" (probability {p:.2f}{calibrated(content)})"
         what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
     sure = "" if content["sure"] else "; this is not sure"
-    line = f"{what}{sure}. On held-out motion the gap goes from {gap['before']:.3g} "
-    line += f"to {gap['after']:.3g} times the noise{_worst(gap) if gap['before'] >= FINE else ''}"
+    line = f"{what}{sure}. On held-out motion the gap goes from {_times(gap['before'])} "
+    line += f"to {_times(gap['after'])} times the noise{_worst(gap) if gap['before'] >= FINE else ''}"
     if gap["shrink"] is not None:
         interval = gap["interval"]
         spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
         line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
     if gap["achievable"] is not None:
         line += _beside(gap)
-    return f"{line}."
+    return f"{line}.{_more(content)}"
+
+
+def _times(multiples: float) -> str:
+    return number(float(f"{multiples:.3g}"), 3)
+
+
+def _more(content: dict[str, Any]) -> str:
+    """What is within tolerance and would close much of what is left."""
+    closer = [one for one in content["tolerated"] if one["gap"] < MORE * content["gap"]["after"]]
+    if not closer:
+        return ""
+    what = words(f"{closer[0]['effect']}@{closer[0]['joint']}")
+    return f" Within what is tolerated, {what} would bring it to {_times(closer[0]['gap'])}."
 
 
 def _nothing(content: dict[str, Any]) -> str:
@@ -52,7 +67,7 @@ def _beside(gap: dict[str, Any]) -> str:
     before, after, flexible = gap["before"], gap["after"], gap["achievable"]
     if flexible >= before:
         return "; a flexible correction without structure reaches nothing"
-    reached = f"; a flexible correction without structure reaches {flexible:.3g}"
+    reached = f"; a flexible correction without structure reaches {_times(flexible)}"
     if after <= flexible:
         return reached
     return f"{reached}; the verdict closes {100 * (before - after) / (before - flexible):.0f} % of what that does"

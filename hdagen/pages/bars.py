@@ -81,7 +81,7 @@ def _checked(title: str, names: Sequence[str], bars: Bars) -> list[_Bar]:
 
 def _numeral(bar: _Bar, axis: Axis) -> str:
     """The value and its interval as written beside the bar; over decades each has its own prefix, and so its unit."""
-    size = quantity(axis.quantity.base_label, abs(bar.value)) if axis.log else axis.quantity
+    size = quantity(axis.quantity.base_label, abs(bar.value)) if axis.log and axis.quantity.base else axis.quantity
     low, high = number(bar.low * size.factor, 3), number(bar.high * size.factor, 3)
     interval = f" [{low}, {high}]" if np.isfinite(bar.low + bar.high) else ""
     unit = f" {size.unit}" if axis.log and np.isfinite(bar.value) else ""
