@@ -204,6 +204,19 @@ def test_the_gear_s_and_the_motor_s_cycles_stand_out_of_the_current(
     assert line > least and line > 3 * beside
 
 
+@pytest.mark.parametrize(("joint", "cycles", "low", "high"), [(4, 1, 0.0, 0.2), (5, 12, 0.7, 1.3), (7, 12, 0.7, 1.3)])
+def test_what_a_loop_makes_up_for_does_not_swing_the_joint(
+    joint: int, cycles: int, low: float, high: float, data_dir: Path, tmp_path: Path
+) -> None:
+    path = recorded(data_dir, f"kinova_gen3_sedki/jointwise_motion/joint_{joint}_trapez.csv")[0]
+    run("kinova/convert.py", path, joint, tmp_path / "log.parquet")
+    robot = EXAMPLES / "kinova" / f"joint_{joint}.toml"
+    said = run("kinova/cycles.py", robot, tmp_path / "log.parquet", cycles, builds=tmp_path)
+    order, _, torque, beside, angle, _, alone = said.splitlines()[-1].replace("(", "").replace(")", "").split()
+    assert float(order) == cycles and float(torque) > 5 * float(beside)
+    assert low <= float(angle) / float(alone) < high
+
+
 @pytest.mark.parametrize(
     "joint, orders", [(1, {24}), (2, {14, 24}), (3, {14}), (4, {1, 14, 24}), (5, {12, 14, 28}), (7, {7, 12, 14, 28})]
 )
