@@ -24,7 +24,7 @@ def write(path: Path, fleet: Path, results: Sequence[Result]) -> None:
     sections.append(_logs(results))
     page.write(
         path,
-        f"Diagnosis of the fleet {fleet.stem}",
+        f"Diagnosis of a fleet: {fleet.name}",
         sentence(results),
         sections,
         f"    hdagen diagnose --fleet {fleet}",
@@ -37,9 +37,11 @@ def sentence(results: Sequence[Result]) -> str:
     counts = found["counts"]
     what = f"{counts[Status.DIAGNOSED.value]} of {len(results)} machines are diagnosed"
     others = [f"{counts[s.value]} {s.value}" for s in Status if s is not Status.DIAGNOSED and counts[s.value]]
+    some = sum(bool(one.diagnosis["verdict"]) for one in results if one.diagnosis)
+    missing = f"; something is missing on {some}" if counts[Status.DIAGNOSED.value] else ""
     effect, names = next(iter(found["effects"].items()), ("", []))
-    most = f"; what is named most is {spoken(effect)}, on {len(names)}" if len(names) > 1 else ""
-    return f"{', '.join([what, *others])}{most}."
+    most = f", most often {spoken(effect)} ({len(names)})" if len(names) > 1 else ""
+    return f"{', '.join([what, *others])}{missing}{most}."
 
 
 def spoken(effect: str) -> str:
@@ -76,10 +78,10 @@ def _gaps(done: Sequence[Result]) -> page.Section:
         "Gap on held-out motion",
         [one.machine.name for one in done[:CELLS]],
         [
-            figure.Bars(when, [gap[when] if gap[when] is not None else math.nan for gap in shown])
-            for when in ("before", "after")
+            figure.Bars(when, [gap[when] if gap[when] is not None else math.nan for gap in shown], color=color)
+            for when, color in (("before", "orange"), ("after", "blue"))
         ],
-        value_label="replay error (multiples of noise)",
+        value_label="replay error in multiples of noise",
         levels=[(1.0, "noise alone")],
         log=True,
     )
