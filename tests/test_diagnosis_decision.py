@@ -12,7 +12,7 @@ import pytest
 
 from hdagen.diagnosis import calibration
 from hdagen.diagnosis.candidates import Atom
-from hdagen.diagnosis.decide import FORM, Hypothesis, _decided, _less, _strange, sizes
+from hdagen.diagnosis.decide import BEYOND, FORM, Hypothesis, _decided, _less, _more, _strange, sizes
 
 PLACES = {
     "thermal_friction@2": "motor",
@@ -49,6 +49,30 @@ def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
     size = dict.fromkeys(names, 2.0)
     assert _less(names, size, evidence, PLACES) == names  # 5 of 20, though the gear's gain is 480
     assert _less(names, size, evidence | {names: 3.0}, PLACES) == (gear, friction)
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "std", "there"),
+    [
+        (1.9, 0.1, False),  # as the robot file says
+        (BEYOND + 0.1, 0.1, False),  # not clearly more
+        (BEYOND + 0.3, 0.1, True),
+        (-BEYOND - 0.3, 0.1, True),
+        (BEYOND + 0.3, 0.3, False),
+    ],
+)
+def test_what_stands_beyond_its_tolerance_is_there_though_it_is_not_meant(
+    tolerances: float, std: float, there: bool
+) -> None:
+    spike = 0.2  # usual sizes
+    atoms = [SimpleNamespace(name=name) for name in ("torque_constant@1", "payload@2", "current_bias@1")]
+    columns = [SimpleNamespace(atom=k, base=not k, spike=spike) for k in range(3)]
+    columns.append(SimpleNamespace(atom=-1, base=True, spike=1.0))  # a mass is no effect
+    mean = np.array([spike * tolerances, 0.5, 5.0, 3.0])
+    words = SimpleNamespace(atoms=atoms, columns=columns)
+    posterior = mean, np.diag([(spike * std) ** 2, 1e-6, 1e-6, 1e-6])
+    fit: Any = SimpleNamespace(design=SimpleNamespace(words=words), posterior=posterior, names=("payload@2",))
+    assert _more(fit) == (("payload@2", "torque_constant@1") if there else ("payload@2",))
 
 
 @pytest.mark.parametrize(("time", "came"), [(1.0, 1.0), (10.0, 0.632), (61.0, 0.151)])

@@ -27,6 +27,8 @@ PLAIN = 2.0  # of the former, from which on it is plain that something is left: 
 # motion is worth a percent of its torque where a sealed one's is worth a thousandth
 NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
 BEYOND = 2.0  # tolerances of the robot file, from which a base parameter off its value is an effect
+CLEARLY = 2.0  # standard deviations, by which it is
+BEHIND = 10.0  # of log evidence, by which the hypothesis that means it may be behind, as what is rare is less probable
 LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
@@ -121,6 +123,10 @@ def decide(search: Search) -> Decision:
     count = sum(len(names) == 1 for names in evidence)
     top = max(evidence.values())
     weight = {names: _prior(len(names), count) * np.exp(e - top) for names, e in evidence.items()}
+    for names in sorted(fits, key=len):
+        if (more := _more(fits[names])) != names and evidence.get(more, -np.inf) > evidence[names] - BEHIND:
+            weight[more] += weight[names]
+            weight[names] = 0.0
     place = {atom.name: atom.place for fit in fits.values() for atom in fit.design.words.atoms}
     for names in sorted(fits, key=len, reverse=True):
         size, needed = sizes(fits[names]), least(fits[names])
@@ -169,6 +175,20 @@ def _strange(left: Fitted, none: Fitted) -> float:
     size = min(max(torques[0] / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]), PLAIN)
     share = min(lacks[0] / lacks[1], torques[0] / torques[1], 1.0)
     return (size**2 * share / LEFT) ** 2
+
+
+def _more(fit: Fitted) -> tuple[str, ...]:
+    """The set with the base parameters that stand clearly beyond what the robot file's tolerance allows without an
+    effect: what is there is there, whether the hypothesis means it or not."""
+    words, (mean, covariance) = fit.design.words, fit.posterior
+    beyond = {
+        words.atoms[c.atom].name
+        for k, c in enumerate(words.columns)
+        if c.base
+        and c.atom >= 0
+        and abs(mean[k]) - CLEARLY * np.sqrt(covariance[k, k]) > max(PRESENT, BEYOND * c.spike)
+    }
+    return tuple(sorted(beyond.union(fit.names)))
 
 
 def _less(
