@@ -12,7 +12,7 @@ import pytest
 
 from hdagen.diagnosis import calibration
 from hdagen.diagnosis.candidates import Atom
-from hdagen.diagnosis.decide import BEYOND, FORM, Hypothesis, _decided, _less, _more, _strange, sizes
+from hdagen.diagnosis.decide import FORM, RARE, Hypothesis, _decided, _less, _more, _strange, sizes
 
 PLACES = {
     "thermal_friction@2": "motor",
@@ -54,14 +54,14 @@ def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
 @pytest.mark.parametrize(
     ("tolerances", "std", "there"),
     [
-        (1.9, 0.1, False),  # as the robot file says
-        (BEYOND + 0.1, 0.1, False),  # not clearly more
-        (BEYOND + 0.3, 0.1, True),
-        (-BEYOND - 0.3, 0.1, True),
-        (BEYOND + 0.3, 0.3, False),
+        (2.1, 0.1, False),  # one in thirty is
+        (RARE - 0.1, 0.1, False),
+        (RARE + 0.1, 0.1, True),
+        (-RARE - 0.1, 0.1, True),
+        (RARE + 0.1, 0.6, False),  # not told
     ],
 )
-def test_what_stands_beyond_its_tolerance_is_there_though_it_is_not_meant(
+def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
     tolerances: float, std: float, there: bool
 ) -> None:
     spike = 0.2  # usual sizes

@@ -27,7 +27,8 @@ PLAIN = 2.0  # of the former, from which on it is plain that something is left: 
 # motion is worth a percent of its torque where a sealed one's is worth a thousandth
 NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
 BEYOND = 2.0  # tolerances of the robot file, from which a base parameter off its value is an effect
-CLEARLY = 2.0  # standard deviations, by which it is
+RARE = 2.576  # standard deviations, to which a robot file states a parameter, that one in a hundred is off by
+TOLD = 0.5  # of that standard deviation, to which the log must tell it
 BEHIND = 10.0  # of log evidence, by which the hypothesis that means it may be behind, as what is rare is less probable
 LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
@@ -178,15 +179,14 @@ def _strange(left: Fitted, none: Fitted) -> float:
 
 
 def _more(fit: Fitted) -> tuple[str, ...]:
-    """The set with the base parameters that stand clearly beyond what the robot file's tolerance allows without an
-    effect: what is there is there, whether the hypothesis means it or not."""
+    """The set with the base parameters that stand farther from the robot file's values than one in a hundred that is as
+    stated: those are there, whether the hypothesis means them or not."""
     words, (mean, covariance) = fit.design.words, fit.posterior
     beyond = {
         words.atoms[c.atom].name
         for k, c in enumerate(words.columns)
-        if c.base
-        and c.atom >= 0
-        and abs(mean[k]) - CLEARLY * np.sqrt(covariance[k, k]) > max(PRESENT, BEYOND * c.spike)
+        if c.base and c.atom >= 0 and abs(mean[k]) > max(PRESENT, RARE * c.spike)
+        if np.sqrt(covariance[k, k]) < TOLD * c.spike
     }
     return tuple(sorted(beyond.union(fit.names)))
 
