@@ -40,7 +40,7 @@ def heard(lead: Fitted, words: Dictionary) -> Dictionary:
     """``words`` with a ripple of each joint's clearest order in what ``lead`` leaves, where they have none of it."""
     for k in [k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first]:
         atom = words.atoms[k]
-        known = [float(*a.shapes.values()) for a in words.atoms if a.name == atom.name]
+        known = [value for a in words.atoms if a.name == atom.name for value in a.shapes.values()]
         clear = [] if atom.name in lead.names else _orders(lead, atom.joint)[:1]
         for order in clear:
             if order not in known:
