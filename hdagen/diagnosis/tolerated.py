@@ -16,9 +16,10 @@ from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion
 from hdagen.plant import Arm
 from hdagen.replay import Replay
+from hdagen.together import together
 
 CLEAR = 4.0  # standard deviations from 0, from which an effect's size was told by the data
-MOST = 4  # effects that are replayed
+MOST = 2  # effects that are replayed: each costs as much as the verdict's replay does
 WORTH = 0.05  # of the gap after the verdict, that an effect must close to be listed
 
 
@@ -27,40 +28,33 @@ def tolerated(
 ) -> list[dict[str, Any]]:
     """Effect, joint, parameters (value, std, unit), size in usual ones, and the gap with that and the verdict in the
     model, the smallest gap first; ``seen``: the replay of what is ``held`` out on an arm. Raises PlantError."""
-    words, p = best.design.words, best.design.point.p
+    words, p, described = best.design.words, best.design.point.p, best.design.shooting.arm.parameters.described
     mean, covariance = best.posterior
     clear: dict[int, float] = {}
     for k, c in enumerate(words.columns):
-        if c.atom >= 0 and words.atoms[c.atom].name not in best.names and not _refitted(best, c.parameter):
+        goes_along = c.atom < 0 or described[c.parameter].tolerance > 0  # base parameters go with the verdict
+        if not goes_along and words.atoms[c.atom].name not in best.names:
             told = abs(float(mean[k])) / math.sqrt(covariance[k, k])
             clear[c.atom] = max(told, clear.get(c.atom, CLEAR))
-    arm, _ = verdict.applied(best.design.shooting.arm, said)
-    names, own = list(arm.parameters.described), dict(arm.parameters)
-    left, found = gap(before, after, held)["after"], []
-    for atom in sorted((k for k in clear if clear[k] > CLEAR), key=lambda k: -clear[k])[:MOST]:
-        effect = words.atoms[atom]
+    left = gap(before, after, held)["after"]
+
+    def worth(atom: int) -> dict[str, Any]:
+        """The atom as large as the fit has it, beside the verdict."""
+        effect, (arm, _) = words.atoms[atom], verdict.applied(best.design.shooting.arm, said)
+        names = list(arm.parameters.described)
         values = {name: float(p[names.index(name)]) for name in (*effect.amplitudes, *effect.shapes)}
-        arm.parameters.update(own | values)
-        reached = gap(before, seen(arm), held)["after"]
-        if reached < (1.0 - WORTH) * left:
-            columns = [k for k, c in enumerate(words.columns) if c.atom == atom]
-            std = {words.columns[k].parameter: math.sqrt(covariance[k, k]) * words.columns[k].unit for k in columns}
-            units = {name: arm.parameters.described[name].unit for name in values}
-            found.append(
-                {
-                    "effect": effect.effect,
-                    "joint": effect.joint,
-                    "parameters": {n: {"value": v, "std": std.get(n), "unit": units[n]} for n, v in values.items()},
-                    "size": math.hypot(*(float(mean[k]) for k in columns)),
-                    "gap": reached,
-                }
-            )
-    return sorted(found, key=lambda one: float(one["gap"]))
+        arm.parameters.update(values)
+        columns = [k for k, c in enumerate(words.columns) if c.atom == atom]
+        std = {words.columns[k].parameter: math.sqrt(covariance[k, k]) * words.columns[k].unit for k in columns}
+        units = {name: arm.parameters.described[name].unit for name in values}
+        return {
+            "effect": effect.effect,
+            "joint": effect.joint,
+            "parameters": {n: {"value": v, "std": std.get(n), "unit": units[n]} for n, v in values.items()},
+            "size": math.hypot(*(float(mean[k]) for k in columns)),
+            "gap": gap(before, seen(arm), held)["after"],
+        }
 
-
-def _refitted(best: Fitted, parameter: str) -> bool:
-    """Whether a parameter is a base one, which goes with the verdict anyway."""
-    described = best.design.shooting.arm.parameters.described
-    return any(
-        c.parameter == parameter and c.base and described[parameter].tolerance > 0 for c in best.design.words.columns
-    )
+    clearest = sorted((k for k in clear if clear[k] > CLEAR), key=lambda k: -clear[k])[:MOST]
+    closer = [one for one in together(worth, clearest) if one["gap"] < (1.0 - WORTH) * left]
+    return sorted(closer, key=lambda one: float(one["gap"]))
