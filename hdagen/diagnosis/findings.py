@@ -67,14 +67,8 @@ def _cause(
     effect, _, joint = name.partition("@")
     parameters: dict[str, Any] = {}
     if fit is not None:
-        words, described = fit.design.words, fit.design.shooting.arm.parameters.described
-        _, covariance = fit.posterior
-        for k, c in enumerate(words.columns):
-            if c.atom in fit.atoms and words.atoms[c.atom].name == name:
-                spread = math.sqrt(covariance[k, k]) * c.unit
-                parameters[c.parameter] = _estimate(fit, described[c.parameter], c.index, spread)
-        for shape in dict.fromkeys(s for k in fit.atoms if words.atoms[k].name == name for s in words.atoms[k].shapes):
-            parameters[shape] = _estimate(fit, described[shape], list(described).index(shape), None)
+        atom = next(k for k in fit.atoms if fit.design.words.atoms[k].name == name)
+        parameters = estimates(fit, atom)
     suffix = f"_{joint}" if joint != "0" else ""
     return {
         "effect": effect,
@@ -84,6 +78,15 @@ def _cause(
         "confounded_with": confounded,
         "separate_by": separate_by(name, confounded),
     }
+
+
+def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
+    """Value, std and unit of the sizes of an atom where a fit stands, and of its shapes, of which no std is known."""
+    words, described = fit.design.words, fit.design.shooting.arm.parameters.described
+    columns, (_, covariance) = words.columns, fit.posterior
+    spread = {columns[k].parameter: math.sqrt(covariance[k, k]) * columns[k].unit for k in words.free((atom,))}
+    names = (*spread, *words.atoms[atom].shapes)
+    return {name: _estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names}
 
 
 def _base(best: Fitted) -> dict[str, Any]:

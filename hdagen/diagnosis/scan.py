@@ -75,14 +75,14 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
     if np.linalg.norm([c.seen for c in columns]) >= SEEN:
         beside = [c for c in words.columns if c.seen and words.atoms[c.atom].joint == atom.joint]
         others = {c.index: c.tolerated for c in beside if words.atoms[c.atom].name not in words.meant}
-        found.append(_put(at, atom, others | {c.index: c.center + c.seen * c.unit for c in columns}))
+        found.append(put(at, atom, others | {c.index: c.center + c.seen * c.unit for c in columns}))
     if len(columns) > 1 and ORDER in "".join(atom.shapes):
         return found  # a sine and a cosine are as good as linear
     for c in columns:
         for size in dict.fromkeys((*SIZES, c.step)):
             value = c.center + size * c.unit
             if described[c.index].low <= value <= described[c.index].high:
-                found.append(_put(at, atom, {c.index: value}))
+                found.append(put(at, atom, {c.index: value}))
     return found
 
 
@@ -96,11 +96,11 @@ def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> lis
         if shown and {atom.place, other.place} == {"input"} and atom.joint == other.joint:
             there, beside = other.amplitudes[0], atom.amplitudes[0]
             values = shared(shooting.arm, shooting.record, at.point.p, there, beside, atom.joint)
-            found.append(_put(at, atom, dict(zip(map(names.index, (there, beside)), values, strict=True))))
+            found.append(put(at, atom, dict(zip(map(names.index, (there, beside)), values, strict=True))))
     return found
 
 
-def _put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
+def put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
     """The point of ``at`` with the atom's shapes and parameters at ``values``."""
     p, begun = at.point.p.copy(), at.point.begun
     atom.shape(at.shooting.arm, p)

@@ -13,7 +13,7 @@ from hdagen.diagnosis.design import Design, Point, chosen, design
 from hdagen.diagnosis.evidence import Scored, posteriors, score
 from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened, sharing
 from hdagen.diagnosis.orders import heard, with_orders
-from hdagen.diagnosis.scan import Start, scan
+from hdagen.diagnosis.scan import Start, put, scan
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.together import together
@@ -297,16 +297,10 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     late = [k for k in others if k >= len(at.words.atoms)]
 
     def begin(k: int) -> Fitted:
-        return begun(full, words, (*lead.atoms, k), lead.score.at.s, _shaped(lead, words, k) if k in late else None)
+        start = put(full, words.atoms[k], {}) if k in late else None
+        return begun(full, words, (*lead.atoms, k), lead.score.at.s, start)
 
     return [*found, *together(begin, [*brimming[:MOST_BRIMMING], *late])]
-
-
-def _shaped(lead: Fitted, words: Dictionary, k: int) -> Point:
-    """Where the lead stands, with the shapes of an atom that has no columns yet."""
-    p = lead.design.point.p.copy()
-    words.atoms[k].shape(lead.design.shooting.arm, p)
-    return Point(p, lead.design.point.begun)
 
 
 def _brimming(lead: Fitted) -> list[int]:

@@ -10,7 +10,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from hdagen import verdict
+from hdagen.diagnosis.findings import estimates
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion
@@ -28,7 +31,7 @@ def tolerated(
 ) -> list[dict[str, Any]]:
     """Effect, joint, parameters (value, std, unit), size in usual ones, and the gap with that and the verdict in the
     model, the smallest gap first; ``seen``: the replay of what is ``held`` out on an arm. Raises PlantError."""
-    words, p, described = best.design.words, best.design.point.p, best.design.shooting.arm.parameters.described
+    words, described = best.design.words, best.design.shooting.arm.parameters.described
     mean, covariance = best.posterior
     clear: dict[int, float] = {}
     for k, c in enumerate(words.columns):
@@ -41,17 +44,13 @@ def tolerated(
     def worth(atom: int) -> dict[str, Any]:
         """The atom as large as the fit has it, beside the verdict."""
         effect, (arm, _) = words.atoms[atom], verdict.applied(best.design.shooting.arm, said)
-        names = list(arm.parameters.described)
-        values = {name: float(p[names.index(name)]) for name in (*effect.amplitudes, *effect.shapes)}
-        arm.parameters.update(values)
-        columns = [k for k, c in enumerate(words.columns) if c.atom == atom]
-        std = {words.columns[k].parameter: math.sqrt(covariance[k, k]) * words.columns[k].unit for k in columns}
-        units = {name: arm.parameters.described[name].unit for name in values}
+        parameters = estimates(best, atom)
+        arm.parameters.update({name: one["value"] for name, one in parameters.items()})
         return {
             "effect": effect.effect,
             "joint": effect.joint,
-            "parameters": {n: {"value": v, "std": std.get(n), "unit": units[n]} for n, v in values.items()},
-            "size": math.hypot(*(float(mean[k]) for k in columns)),
+            "parameters": parameters,
+            "size": float(np.linalg.norm(mean[words.free((atom,))])),
             "gap": gap(before, seen(arm), held)["after"],
         }
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hdagen.log import Log, read
-from hdagen.plant import Arm, load
+from hdagen.log import Log, LogError, read
+from hdagen.plant import Arm, PlantError, load
 
 STEADY = 0.2  # of the speed's median, within which a row counts
 EDGE = 200  # rows at either end of those that are left out
@@ -29,6 +29,8 @@ def amplitudes(log: Log, ratio: float, orders: list[float]) -> tuple[np.ndarray,
     q, torque = log["joint_position_1"], ratio * log["motor_torque_1"]
     speed = np.gradient(q, log.time)
     steady = np.flatnonzero(np.abs(speed - np.median(speed)) < STEADY * abs(np.median(speed)))[EDGE:-EDGE]
+    if len(steady) < EDGE:
+        raise LogError([f"{log.source}: no stretch at constant speed; take a run that turns one joint one way."])
     rows = slice(steady[0], steady[-1])
     q, course = q[rows], np.linspace(-1.0, 1.0, steady[-1] - steady[0])
     weight = np.hanning(len(q)) / np.hanning(len(q)).sum()
@@ -62,6 +64,11 @@ def main(robot: str, path: str, cycles: list[float]) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 4:
-        sys.exit(f"usage: {Path(sys.argv[0]).name} ROBOT LOG CYCLES [CYCLES …]")
-    main(sys.argv[1], sys.argv[2], [float(k) for k in sys.argv[3:]])
+    if len(sys.argv) < 4 or not all(k.replace(".", "", 1).isdigit() for k in sys.argv[3:]):
+        sys.exit(f"usage: {Path(sys.argv[0]).name} ROBOT LOG CYCLES [CYCLES …], cycles a motor turn, as 12.")
+    try:
+        main(sys.argv[1], sys.argv[2], [float(k) for k in sys.argv[3:]])
+    except KeyError as error:
+        sys.exit(error.args[0])
+    except (LogError, PlantError) as error:
+        sys.exit(str(error))
