@@ -1,15 +1,18 @@
-"""Friction that falls as the drive warms up. Legend: h share; z warmth in [0, 1], T time constant, s."""
+"""Friction that falls as the drive warms up by what it takes itself. Legend: h share; z warmth in [0, 1]; T time
+constant, s; θ̇ motor speed; w its value that warms the drive half-way, rad/s."""
 
 from collections.abc import Mapping
 from typing import Any
+
+import casadi as ca
 
 from gen.effect import Effect, Parameter, Port, Signals, State
 
 
 def share(s: Signals, p: Mapping[str, Any]) -> Any:
-    """h z with ż = (1 − z) / T: dry and viscous friction fall to 1 − h of what they were."""
-    z = s.states["warmth"]
-    return p["thermal_share"] * z, ((1 - z) / p["thermal_time"],)
+    """h z with ż = (|θ̇| / (|θ̇| + w) − z) / T: dry and viscous friction fall to 1 − h of what they were."""
+    z, speed = s.states["warmth"], ca.fabs(s.motor_velocity)
+    return p["thermal_share"] * z, ((speed / (speed + p["thermal_speed"]) - z) / p["thermal_time"],)
 
 
 EFFECT = Effect(
@@ -18,11 +21,28 @@ EFFECT = Effect(
     parameters=(
         Parameter("thermal_share", "1", 0.0, -1.0, 0.95, "share of friction that a warm drive has lost", typical=0.3),
         Parameter(
-            "thermal_time", "s", 10.0, 0.5, 10000.0, "time constant of warming up", starts=(10.0, 3.0, 30.0, 300.0)
+            "thermal_time",
+            "s",
+            10.0,
+            0.5,
+            10000.0,
+            "time constant of warming up",
+            starts=(10.0, 3.0, 30.0, 300.0, 10.0, 3.0),
+        ),
+        Parameter(
+            "thermal_speed",
+            "rad/s",
+            0.01,
+            1e-6,
+            1000.0,
+            "motor speed that warms the drive half-way",
+            starts=(0.01, 0.01, 0.01, 0.01, 1.0, 1.0),
+            scale="ratio",
         ),
     ),
     amplitudes=("thermal_share",),
     equation=share,
-    citation="Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013, with its size",
+    citation="Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013, with its size; heat by friction's "
+    "own power",
     states=(State("warmth", "1", 1.0, "share of the way to the warm drive"),),
 )

@@ -33,7 +33,7 @@ BEHIND = 10.0  # of log evidence, by which the hypothesis that means it may be b
 LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
-CONSTANTS = ("thermal_time",)  # s, shapes that say how soon an effect is there
+COMES = {"thermal_friction": "warmth"}  # effects that come over time, and the state that says how far one is there
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
 DOUBT = 1 / 3  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
 # to change a model that may be right. Of 156 sealed logs without an effect none left less than 0.66, what comes over
@@ -89,12 +89,13 @@ def sizes(fit: Fitted) -> dict[str, float]:
 
 
 def _came(atom: Atom, fit: Fitted) -> float:
-    """The share of an effect that came within the log: of a slow one a large size shows as little as a small one of one
-    that is soon there."""
-    shooting = fit.design.shooting
-    constants = [name for name in atom.shapes if name.startswith(CONSTANTS)]
-    times = [fit.design.point.p[list(shooting.arm.parameters.described).index(name)] for name in constants]
-    return float(np.prod([-np.expm1(-shooting.record.steps.sum() / time) for time in times]))
+    """The largest share of an effect that was there where a window begins: of one that comes slowly, or at high speed
+    alone, a large size shows as little as a small one of one that is soon there."""
+    memory = fit.design.point.memory
+    if atom.effect not in COMES or memory is None:
+        return 1.0
+    own = fit.design.shooting.arm.state_names[-memory.shape[1] :]
+    return float(np.abs(memory[:, own.index(f"{COMES[atom.effect]}_{atom.joint}")]).max())
 
 
 def least(fit: Fitted) -> dict[str, float]:
