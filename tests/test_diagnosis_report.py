@@ -20,7 +20,7 @@ from replayed import FLEXIBLE, RIGID, simulated
 from gen.effects import ALL
 from hdagen.diagnosis import report, separators
 from hdagen.diagnosis.diagnose import BLOCKS
-from hdagen.diagnosis.maps import spectrum
+from hdagen.diagnosis.maps import Spectra
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.pictures import means, pictures
 from hdagen.diagnosis.portion import Portion, blocks
@@ -268,11 +268,11 @@ def test_correlations_are_those_of_their_definition_and_the_test_has_its_level()
 def test_a_spectrum_has_the_density_of_its_noise_and_the_coherence_of_its_source() -> None:
     rng = np.random.default_rng(2)
     source, own = rng.standard_normal((2, 60_000))
-    found = spectrum(2.0 * source + own, source, 1e-3)
+    found, of_source = Spectra.of(2.0 * source + own, 1e-3), Spectra.of(source, 1e-3)
     inside = (found.frequency > 5) & (found.frequency < 495)
     assert np.mean(found.density[inside] ** 2) == pytest.approx(2 * 5.0 * 1e-3, rel=0.03)
-    assert np.mean(found.coherence[inside]) == pytest.approx(0.8, abs=0.02)
-    assert np.mean(spectrum(own, source, 1e-3).coherence[inside]) < 0.03
+    assert np.mean(found.coherence(of_source)[inside]) == pytest.approx(0.8, abs=0.02)
+    assert np.mean(Spectra.of(own, 1e-3).coherence(of_source)[inside]) < 0.03
 
 
 def test_means_keep_the_two_sides_of_standstill_apart() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.whereabouts import Trace, trace
@@ -115,48 +116,54 @@ def _orders(sight: Sight, joint: int, seen: Trace) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
-    """Of a series: ``frequency`` (F,), Hz; ``density`` (F,), unit/√Hz; ``coherence`` (F,) with another series."""
+class Spectra:
+    """Fourier transforms (S, F) of S segments of a series, each under ``window``, and their ``frequency`` (F,), Hz;
+    ``period`` s."""
 
     frequency: Array
-    density: Array
-    coherence: Array
-    segments: int
+    segments: NDArray[np.complex128]
+    window: Array
+    period: float
 
+    @classmethod
+    def of(cls, values: Array, period: float, segment: float = SEGMENT) -> Spectra:
+        """By segments of ``segment`` s that overlap by half, each less its mean and under Hann's window."""
+        rows = min(len(values), max(16, round(segment / period)))
+        window = np.hanning(rows)
+        parts = np.stack([values[b : b + rows] for b in range(0, len(values) - rows + 1, max(rows // 2, 1))])
+        transformed = np.asarray(np.fft.rfft((parts - parts.mean(1, keepdims=True)) * window, axis=1))
+        return cls(np.asarray(np.fft.rfftfreq(rows, period), float), transformed, window, period)
 
-def spectrum(values: Array, other: Array, period: float, segment: float = SEGMENT) -> Spectrum:
-    """By segments of ``segment`` s that overlap by half, each less its mean and under Hann's window."""
-    rows = min(len(values), max(16, round(segment / period)))
-    begins = np.arange(0, len(values) - rows + 1, max(rows // 2, 1))
-    window = np.hanning(rows)
+    @property
+    def power(self) -> Array:
+        """Mean square of each frequency (F,)."""
+        return np.asarray((np.abs(self.segments) ** 2).mean(0))
 
-    def transformed(series: Array) -> Array:
-        parts = np.stack([series[b : b + rows] for b in begins])
-        return np.asarray(np.fft.rfft((parts - parts.mean(1, keepdims=True)) * window, axis=1))
+    @property
+    def density(self) -> Array:
+        """(F,), unit/√Hz."""
+        return np.sqrt(2 * self.power * self.period / float(self.window @ self.window))
 
-    a, b = transformed(values), transformed(other)
-    power, of_other = (np.abs(a) ** 2).mean(0), (np.abs(b) ** 2).mean(0)
-    cross = np.abs((a * b.conj()).mean(0)) ** 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        coherence = np.where(power * of_other > 0, cross / (power * of_other), 0.0)
-    density = np.sqrt(2 * power * period / float(window @ window))
-    frequency = np.asarray(np.fft.rfftfreq(rows, period), float)
-    return Spectrum(frequency, density, coherence, len(begins))
+    def coherence(self, other: Spectra) -> Array:
+        """(F,) with another series of the same rows, in [0, 1]."""
+        cross = np.abs((self.segments * other.segments.conj()).mean(0)) ** 2
+        both = self.power * other.power
+        return np.divide(cross, both, out=np.zeros(len(both)), where=both > 0)
 
 
 def _frequency(sight: Sight, joint: int, seen: Trace) -> str:
     """Densities before and after, and the coherence with the motor's input."""
     first, last = np.flatnonzero(seen.at)[[0, -1]]
     period = sight.grid.period
-    inputs = sight.grid.smooth(sight.inputs(sight.after)[:, joint - 1])
+    inputs = Spectra.of(sight.grid.smooth(sight.inputs(sight.after)[:, joint - 1])[first : last + 1], period)
     full = []
     for values in (seen.before, seen.after):
         whole = np.zeros(len(sight.time))
         whole[seen.at] = values
-        full.append(spectrum(whole[first : last + 1], inputs[first : last + 1], period))
+        full.append(Spectra.of(whole[first : last + 1], period))
     upper = PASSED / (sight.grid.width * period)
     drawn = (full[0].frequency > 0) & (full[0].frequency <= upper)
-    independent = (full[0].segments + 1) / 2
+    independent = (len(inputs.segments) + 1) / 2
     level = 1 - CHANCE ** (1 / (independent - 1)) if independent > 1 else 1.0
     return panels(
         f"{_value(seen).capitalize()} of joint {joint} over frequency",
@@ -169,13 +176,16 @@ def _frequency(sight: Sight, joint: int, seen: Trace) -> str:
             ),
             Panel(
                 "coherence with the motor's input",
-                [_series(label, s.coherence[drawn]) for label, s in zip(("before", "after"), full, strict=True)],
+                [
+                    _series(label, s.coherence(inputs)[drawn])
+                    for label, s in zip(("before", "after"), full, strict=True)
+                ],
                 levels=[(level, f"noise alone, {100 * (1 - CHANCE):.0f} %")],
             ),
         ],
         x_label="frequency (Hz)",
-        caption=f"{full[0].segments} segments of {SEGMENT:g} s. What goes with the input, in a straight line, has a "
-        "coherence near 1: a gain, an inertia, a lag. Friction and periodic effects have little.",
+        caption=f"{len(inputs.segments)} segments of {SEGMENT:g} s. What goes with the input, in a straight line, has "
+        "a coherence near 1: a gain, an inertia, a lag. Friction and periodic effects have little.",
     )
 
 

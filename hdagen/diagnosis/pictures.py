@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.columns import commanded
-from hdagen.diagnosis.maps import spectrum
+from hdagen.diagnosis.maps import Spectra
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.regimes import explained
 from hdagen.diagnosis.whereabouts import Trace, regressors, since_reversal, trace
@@ -260,7 +260,7 @@ def _answer(sight: Sight, entry: str, joint: int) -> str:
     log, period = sight.log, sight.grid.period
     name = next(n for side in ("motor", "joint") if (n := f"{side}_position_{joint}") in log)
     errors = [sight.on_grid(log[name] - replay.columns[name]) for replay in sight.replays]
-    found = [spectrum(error, error, period) for error in errors]
+    found = [Spectra.of(error, period) for error in errors]
     shown = (found[0].frequency > 0) & (found[0].frequency <= FASTEST / period)
     return panels(
         f"{_title(entry)}: what the replays miss",

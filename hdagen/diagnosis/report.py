@@ -106,7 +106,8 @@ def _tolerated(content: dict[str, Any]) -> list[str]:
 
 def _candidates(content: dict[str, Any]) -> Section:
     rows = [[" and ".join(words(e) for e in h["effects"]) or "none", h["probability"]] for h in content["hypotheses"]]
-    shown = rows[:SHOWN]
+    named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
+    shown = rows[: min(named, SHOWN)]
     figures = [
         bars(
             "Most probable hypotheses",
@@ -125,7 +126,6 @@ def _candidates(content: dict[str, Any]) -> Section:
             f"\n\nThis motion would not show, even in their usual size: {', '.join(words(o) for o in unseen)}. "
             "hdagen excite designs one that does."
         )
-    named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
     others = sum(float(r[1]) for r in rows[named:])
     together = f"{others:.2g}" if others >= NEVER else LITTLE
     rest = f"The other {len(rows) - named} hold {together} together." if len(rows) > named else ""
