@@ -15,7 +15,7 @@ from compiled import Compiled, Floats
 
 from gen import drive, input_stage, mechanics
 from gen.effect import Effect, Port, Signals
-from gen.effects import ALL, NOMINAL, kinematic_error
+from gen.effects import ALL, NOMINAL, kinematic_error, thermal_friction
 from gen.model import Model
 from gen.parameters import parameters
 from gen.robot import load
@@ -290,6 +290,21 @@ def test_every_effect_that_opposes_motion_is_among_them() -> None:
     """Friction, damping and hysteresis by name; whoever adds one adds it above."""
     opposing = {e.name for e in ALL if e.port is Port.FRICTION or re.search("friction|damping|hysteresis", e.name)}
     assert opposing == (set(POWER) - {"link_flexibility"}) | TOGETHER
+
+
+@pytest.mark.parametrize("speed", [-80.0, 0.3, 80.0])
+def test_a_drive_warms_by_its_motion_and_cools_at_rest(speed: float) -> None:
+    """The warmth settles at the same share either way, begins to rise from a cold drive and never leaves [0, 1]."""
+    p = {"thermal_share": 0.3, "thermal_time": 5.0, "thermal_speed": 8.0}
+
+    def rate(warmth: float, motor_velocity: float) -> float:
+        signals = Signals(motor_velocity=motor_velocity, states={"warmth": warmth})
+        return float(thermal_friction.share(signals, p)[1][0])
+
+    assert rate(abs(speed) / (abs(speed) + 8.0), speed) == pytest.approx(0.0, abs=1e-15)
+    assert rate(0.0, speed) == pytest.approx(abs(speed) / (abs(speed) + 8.0) / 5.0)
+    assert rate(1.0, speed) < 0.0
+    assert rate(0.0, 0.0) == 0.0 and rate(0.4, 0.0) == pytest.approx(-0.08)
 
 
 # -- in the model -----------------------------------------------------------------------------------------------------
