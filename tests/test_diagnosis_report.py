@@ -86,6 +86,11 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "parameters": {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in (base or {}).items()},
         "unseen": ["torque_constant@2"],
         "tolerated": [],
+        "ladder": [
+            {"model": "robot file", "effects": [], "probability": None, "gap": 20.0, "interval": [18.0, 22.0]},
+            {"model": "hypothesis", "effects": [], "probability": 0.1, "gap": 12.0, "interval": [11.0, 13.0]},
+            {"model": "verdict", "effects": verdict, "probability": 0.9, "gap": 2.0, "interval": None},
+        ],
         "control": {
             "law": "impedance_joint",
             "tracking": {"before": 5.76e-4, "after": 4.22e-4},
@@ -344,6 +349,9 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
     for words in (
         "not calibrated",
         "Flexible correction",
+        "Candidates on held-out motion",
+        "base parameters alone",
+        "12 [11, 13]",
         "Where and when",
         "The effect itself",
         "Ljung",

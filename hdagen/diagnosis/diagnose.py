@@ -15,6 +15,7 @@ from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.foreign import foreign
 from hdagen.diagnosis.gap import gap
+from hdagen.diagnosis.ladder import ladder
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.portion import SHARE, Portion, parted
 from hdagen.diagnosis.record import Record, record
@@ -77,15 +78,13 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     before = _counted(replay(plain, held_out.log), seen)
     flexible = corrected(plain, shown, held_out, before)
     changed, after = _stands(robot, plain, content, before, held_out, flexible, seen)
-    say("what is tolerated")
-    content["tolerated"] = tolerated(
-        decision.best,
-        verdict.read(content),
-        before,
-        after,
-        held_out,
-        lambda arm: _counted(replay(arm, held_out.log), seen),
-    )
+    say("what is tolerated, and what else it may be")
+
+    def counted(arm: Arm) -> Replay:
+        return _counted(replay(arm, held_out.log), seen)
+
+    content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
+    content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)
     say("where and when")
     sight = look(changed, content, held_out.log, before, after)
     content["where"] = where(sight, content, held_out.rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from hdagen import verdict
@@ -27,7 +28,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
-        others = [o for o in likely if o != name and likely[o] > LIKELY]
+        others = [o for o in likely if o != name and _instead(decision, name, o) > LIKELY]
         others += told.beside(name) if name in decision.verdict and name in told.columns else []
         others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
         causes.append(_cause(name, likely[name], fit, others))
@@ -52,9 +53,17 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
     }
 
 
+def _instead(decision: Decision, name: str, other: str) -> float:
+    """The probability of another effect but for hypotheses in which it stands for something else of the verdict."""
+    rest = set(decision.verdict) - {name} if name in decision.verdict else set()
+    return sum(
+        h.probability for h in decision.hypotheses if other in h.names and (name not in h.names or rest <= set(h.names))
+    )
+
+
 def _where(entry: str, place: str) -> dict[str, Any]:
     """Joint and place of an effect; its share and when it acts are not computed and stay empty."""
-    return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "when": ""}
+    return {"joint": _parted(entry)[1], "place": place, "share": None, "when": ""}
 
 
 def _cause(
@@ -64,15 +73,15 @@ def _cause(
     confounded: list[str],
 ) -> dict[str, Any]:
     """A candidate that was tried; its parameters where it was fitted."""
-    effect, _, joint = name.partition("@")
+    effect, joint = _parted(name)
     parameters: dict[str, Any] = {}
     if fit is not None:
         atom = next(k for k in fit.atoms if fit.design.words.atoms[k].name == name)
         parameters = estimates(fit, atom)
-    suffix = f"_{joint}" if joint != "0" else ""
+    suffix = f"_{joint}" if joint else ""
     return {
         "effect": effect,
-        "joint": int(joint),
+        "joint": joint,
         "probability": probability,
         "parameters": {k.removesuffix(suffix) if suffix else k: v for k, v in parameters.items()},
         "confounded_with": confounded,
@@ -87,6 +96,25 @@ def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
     spread = {columns[k].parameter: math.sqrt(covariance[k, k]) * columns[k].unit for k in words.free((atom,))}
     names = (*spread, *words.atoms[atom].shapes)
     return {name: _estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names}
+
+
+def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
+    """What a verdict of these effects would say, were it to stand where ``fit`` does."""
+    atoms = {fit.design.words.atoms[k].name: k for k in fit.atoms}
+    effects = {name: estimates(fit, atoms[name]) for name in names if name in atoms}
+    named = (verdict.Named(*_parted(name), _values(found)) for name, found in effects.items())
+    own = {parameter for found in effects.values() for parameter in found}
+    base = {name: value for name, value in _values(_base(fit)).items() if name not in own}
+    return verdict.Verdict("hypothesis", tuple(named), (), base)
+
+
+def _values(found: dict[str, Any]) -> dict[str, float]:
+    return {name: one["value"] for name, one in found.items()}
+
+
+def _parted(name: str) -> tuple[str, int]:
+    effect, _, joint = name.partition("@")
+    return effect, int(joint)
 
 
 def _base(best: Fitted) -> dict[str, Any]:

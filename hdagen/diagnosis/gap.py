@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,8 @@ def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = 
     closed: blocks of windows drawn with replacement (Efron, Tibshirani, An Introduction to the Bootstrap (1993), 8.6),
     the same draws at each call. ``achievable`` is what the replay ``flexible`` reaches.
     """
-    names = [name for name in before.errors if before.noise.get(name) and before.errors[name] > 0]
-    counts = np.add.reduceat(held.rows.astype(int), before.starts)
     seen = (before, after) if flexible is None else (before, after, flexible)
-    squares = np.stack([_squares(one, held, names, before.starts) for one in seen])  # (2 or 3, windows, channels)
-    squares, rows = squares[:, counts > 0], counts[counts > 0]
+    squares, rows, names = _compared(before, seen, held)
     each = np.sqrt(squares.sum(1) / rows.sum())
     joined = _joined(each)
     return {
@@ -38,12 +36,27 @@ def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = 
         "floor": 1.0,
         "achievable": None if flexible is None else min(float(joined[2]), float(joined[0])),
         "shrink": _shrink(joined),
-        "interval": _interval(squares[:2], rows),
+        "interval": _middle(s for s in map(_shrink, _draws(squares[:2], rows)) if s is not None),
         "by_channel": {
             name: {"before": float(each[0, k]), "after": float(each[1, k]), "noise": before.noise[name]}
             for k, name in enumerate(names)
         },
     }
+
+
+def spread(before: Replay, seen: Sequence[Replay], held: Portion) -> list[tuple[float, list[float] | None]]:
+    """What each of the replays ``seen`` leaves of the gap, as `gap` counts it, with its interval: the same draws."""
+    squares, rows, _ = _compared(before, seen, held)
+    joined, drawn = _joined(np.sqrt(squares.sum(1) / rows.sum())), _draws(squares, rows)
+    return [(float(value), _middle(draw[k] for draw in drawn)) for k, value in enumerate(joined)]
+
+
+def _compared(before: Replay, seen: Sequence[Replay], held: Portion) -> tuple[Array, Rows, list[str]]:
+    """Sums of squared errors in the channels' noise (replays, windows, channels), rows of each window, channels."""
+    names = [name for name in before.errors if before.noise.get(name) and before.errors[name] > 0]
+    counts = np.add.reduceat(held.rows.astype(int), before.starts)
+    squares = np.stack([_squares(one, held, names, before.starts) for one in seen])
+    return squares[:, counts > 0], counts[counts > 0], names
 
 
 def _squares(seen: Replay, held: Portion, names: list[str], starts: Rows) -> Array:
@@ -62,19 +75,19 @@ def _shrink(joined: Array) -> float | None:
     return (float(joined[0]) - float(joined[1])) / span if span > 0.1 else None
 
 
-def _interval(squares: Array, rows: Rows) -> list[float] | None:
-    """Low and high of the share that is closed; None from fewer than two blocks."""
+def _draws(squares: Array, rows: Rows) -> list[Array]:
+    """What the replays (R,) leave in each draw of blocks of windows; none from fewer than two blocks."""
     begins = np.arange(0, len(rows), BLOCK)
     if len(begins) < 2:
-        return None
-    blocks = np.add.reduceat(squares, begins, axis=1)
-    lengths = np.add.reduceat(rows, begins)
+        return []
+    blocks, lengths = np.add.reduceat(squares, begins, axis=1), np.add.reduceat(rows, begins)
     drawn = np.random.default_rng(0).integers(len(begins), size=(DRAWS, len(begins)))
-    shares = []
-    for draw in drawn:
-        share = _shrink(_joined(np.sqrt(blocks[:, draw].sum(1) / lengths[draw].sum())))
-        if share is not None:
-            shares.append(share)
-    if len(shares) < DRAWS / 2:
+    return [_joined(np.sqrt(blocks[:, draw].sum(1) / lengths[draw].sum())) for draw in drawn]
+
+
+def _middle(drawn: Iterable[float]) -> list[float] | None:
+    """Low and high between which ``LEVEL`` of what was drawn lies; None from fewer than half of the draws."""
+    values = list(drawn)
+    if len(values) < DRAWS / 2:
         return None
-    return [float(np.quantile(shares, (1 - LEVEL) / 2)), float(np.quantile(shares, (1 + LEVEL) / 2))]
+    return [float(np.quantile(values, (1 - LEVEL) / 2)), float(np.quantile(values, (1 + LEVEL) / 2))]

@@ -109,12 +109,13 @@ def _candidates(content: dict[str, Any]) -> Section:
     named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
     shown = rows[: min(named, SHOWN)]
     figures = [
+        *_ladder(content),
         bars(
             "Most probable hypotheses",
             [str(r[0]) for r in shown],
             [Bars("", [round(float(r[1]), 4) for r in shown])],
             value_label=f"probability{calibrated(content)}",
-        )
+        ),
     ]
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance "
@@ -132,6 +133,33 @@ def _candidates(content: dict[str, Any]) -> Section:
     listed = [[name, p if float(p) >= NEVER else LITTLE] for name, p in rows[:named]]
     figures.append(table("Hypotheses", ["hypothesis", "probability"], listed, caption=rest))
     return Section("How sure", text, figures)
+
+
+def _ladder(content: dict[str, Any]) -> list[str]:
+    """What the leading hypotheses leave on held-out motion."""
+    gap, rungs = content["gap"], content["ladder"]
+    names = [one["model"] if one["model"] == "robot file" else _rung(one) for one in rungs]
+    ends = [one["interval"] or (float("nan"), float("nan")) for one in rungs]
+    levels = [(gap["floor"], "noise alone")]
+    if gap["achievable"] is not None:
+        levels.append((gap["achievable"], "flexible correction"))
+    return [
+        bars(
+            "Candidates on held-out motion",
+            names,
+            [Bars("", [one["gap"] for one in rungs], ([low for low, _ in ends], [high for _, high in ends]))],
+            value_label="replay error in multiples of noise",
+            levels=levels,
+            log=True,
+            caption="What each leaves where no fit saw the motion, with base parameters of its own within their "
+            "tolerance; 95 % by drawing blocks of windows anew.",
+        )
+    ]
+
+
+def _rung(one: dict[str, Any]) -> str:
+    named = " and ".join(words(e) for e in one["effects"]) or "base parameters alone"
+    return f"verdict: {named}" if one["model"] == "verdict" else named
 
 
 def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
