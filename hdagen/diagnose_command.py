@@ -99,6 +99,7 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis import report
     from hdagen.diagnosis.diagnose import diagnose
     from hdagen.diagnosis.memory import returned
+    from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.sentences import sentence
     from hdagen.log import LogError, read
 
@@ -110,15 +111,10 @@ def _one(options: argparse.Namespace) -> int:
             )
         except OSError as error:
             raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
-        begun = time.monotonic()
+        say = Progress()
         returned()
-        found = diagnose(
-            options.robot,
-            logs,
-            held,
-            # a line at once, as hypotheses are fitted in threads
-            lambda stage: print(f"{time.monotonic() - begun:5.1f} s  {stage}\n", end="", file=sys.stderr),
-        )
+        found = diagnose(options.robot, logs, held, say)
+        say("report")
         _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
         report.write(found, out / "report.html")
     print(sentence(found.content))

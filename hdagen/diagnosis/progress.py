@@ -1,0 +1,69 @@
+"""How far a diagnosis is: the stage by its name, and about how long it will still take.
+
+How many effects will be tried beside which is not known before, so the time left is that of a log in which two were;
+one without an effect is done sooner.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable
+from threading import Lock
+
+# share of the whole that is behind when a stage begins, of a log of 10 s in which two effects were tried together
+BEHIND = (
+    ("model", 0.0),
+    ("what the log suggests", 0.02),
+    ("screening", 0.06),
+    ("fitting .* from .*, round 1 of", 0.62),
+    ("fitting .* from .*, round 2 of", 0.65),
+    ("fitting .* from .*, round 3 of", 0.68),
+    ("going on with", 0.75),
+    ("replay of held-out motion", 0.84),
+    ("what is tolerated", 0.89),
+    ("where and when", 0.95),
+    ("report", 0.97),
+)
+RACES = ((0.13, 0.2, 0.25), (0.46, 0.48, 0.5), (0.57, 0.58, 0.59))  # the same of the rounds of each race
+RACE = re.compile(r"fitting .*, round (\d) of")
+SPRING, ANOTHER = "a spring in what", 0.5  # a second search, of a rigid drive with a spring, and what is behind then
+LEAST = 0.05  # share behind, from which the time left is told
+
+
+class Progress:
+    """Prints each stage with the time, and the time left; to be called from any thread."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self.clock, self.lock, self.begun = clock, Lock(), clock()
+        self.behind, self.base, self.races, self.round = 0.0, 0.0, 0, 0
+
+    def __call__(self, stage: str) -> None:
+        """A line for this stage."""
+        with self.lock:
+            passed = self.clock() - self.begun
+            self._came_to(stage)
+            left = ""
+            if self.behind >= LEAST:
+                left = f", about {max(passed * (1.0 - self.behind) / self.behind, 1.0):.0f} s left"
+            print(f"{passed:5.1f} s  {stage}{left}\n", end="", file=sys.stderr)  # a line at once
+
+    def _came_to(self, stage: str) -> None:
+        if stage.startswith(SPRING):
+            self.behind = self.base = ANOTHER
+            self.races = self.round = 0
+            return
+        self.behind = max(self.behind, self.base + (1.0 - self.base) * self._share(stage))
+
+    def _share(self, stage: str) -> float:
+        for words, share in BEHIND:
+            if re.match(words, stage):
+                return share
+        if not (found := RACE.match(stage)):
+            return 0.0
+        number = int(found[1])
+        if number < self.round:
+            self.races = min(self.races + 1, len(RACES) - 1)
+        self.round = number
+        return RACES[self.races][min(number, 3) - 1]
