@@ -13,6 +13,8 @@ import pytest
 from hdagen.diagnosis import calibration
 from hdagen.diagnosis.candidates import Atom
 from hdagen.diagnosis.decide import FORM, RARE, Hypothesis, _decided, _less, _more, _strange, sizes
+from hdagen.diagnosis.shooting import Lane
+from hdagen.plant import Array
 
 PLACES = {
     "thermal_friction@2": "motor",
@@ -77,14 +79,22 @@ def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
 
 @pytest.mark.parametrize("came", [1.0, 0.632, 0.151])
 def test_what_comes_over_time_counts_as_far_as_it_came(came: float) -> None:
-    slow = Atom("thermal_friction", 2, "motor", ("thermal_share_2",), {"thermal_time_2": 10.0}, True)
-    other = Atom("current_bias", 1, "motor", ("current_bias_1",), {}, True)
-    words = SimpleNamespace(atoms=(slow, other), free=list)
-    shooting = SimpleNamespace(arm=SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2")))
-    memory = np.array([[0.9, 0.0], [0.9, 0.5 * came], [0.9, came]])  # three windows, states of two effects
-    design = SimpleNamespace(words=words, shooting=shooting, point=SimpleNamespace(memory=memory))
+    """As large as the fit has it, wherever the point stands in which it has it."""
+    atoms = tuple(Atom(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
+    columns = [SimpleNamespace(index=k, center=0.0, unit=0.3) for k in range(2)]
+    words = SimpleNamespace(atoms=atoms, columns=columns, free=list)
+    put: list[float] = []
+
+    def recalled(lane: Lane) -> tuple[None, Array]:
+        put.extend(lane.p[:2])
+        return None, np.array([[0.9, 0.0], [0.9, 0.5 * came], [0.9, came]])  # three windows, states of two effects
+
+    arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"))
+    point = SimpleNamespace(p=np.zeros(2), begun=None)
+    design = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm, recalled=recalled), point=point)
     fit: Any = SimpleNamespace(atoms=(0, 1), design=design, posterior=(np.array([0.5, -0.7]), None))
-    assert sizes(fit) == pytest.approx({"thermal_friction@2": 0.5 * came, "current_bias@1": 0.7})
+    assert sizes(fit) == pytest.approx({"thermal_friction@2": 0.5 * came, "current_bias@2": 0.7})
+    assert put == pytest.approx([0.15, 0.0]) and not point.p.any()
 
 
 def test_what_is_too_small_is_not_in_the_set() -> None:

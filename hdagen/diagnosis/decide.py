@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.diagnosis import calibration
-from hdagen.diagnosis.candidates import PRESENT, Atom
+from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search
+from hdagen.diagnosis.shooting import Lane
 
 NONE = 0.5  # prior probability of no effect
 FURTHER = 0.3  # that there is one more
@@ -85,16 +86,21 @@ def sizes(fit: Fitted) -> dict[str, float]:
     comes over time as much as came within the log."""
     words, mean = fit.design.words, fit.posterior[0]
     whole = {k: float(np.linalg.norm(mean[words.free((k,))])) for k in fit.atoms}
-    return {words.atoms[k].name: size * _came(words.atoms[k], fit) for k, size in whole.items()}
+    return {words.atoms[k].name: size * _came(k, fit) for k, size in whole.items()}
 
 
-def _came(atom: Atom, fit: Fitted) -> float:
-    """The largest share of an effect that was there where a window begins: of one that comes slowly, or at high speed
-    alone, a large size shows as little as a small one of one that is soon there."""
-    memory = fit.design.point.memory
-    if atom.effect not in COMES or memory is None:
+def _came(k: int, fit: Fitted) -> float:
+    """The largest share of atom k that is there where a window begins, it being as large as the fit has it: of what
+    comes slowly, or at high speed alone, a large size shows as little as a small one of what is soon there."""
+    words, shooting, p = fit.design.words, fit.design.shooting, fit.design.point.p.copy()
+    atom = words.atoms[k]
+    if atom.effect not in COMES:
         return 1.0
-    own = fit.design.shooting.arm.state_names[-memory.shape[1] :]
+    for c in words.free((k,)):
+        column = words.columns[c]
+        p[column.index] = column.center + float(fit.posterior[0][c]) * column.unit
+    memory = shooting.recalled(Lane(p, fit.design.point.begun))[1]
+    own = shooting.arm.state_names[-memory.shape[1] :]
     return float(np.abs(memory[:, own.index(f"{COMES[atom.effect]}_{atom.joint}")]).max())
 
 
