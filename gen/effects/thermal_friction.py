@@ -1,5 +1,5 @@
-"""Friction that falls as the drive warms up by what it takes itself. Legend: h share; z warmth in [0, 1]; T time
-constant, s; θ̇ motor speed; w its value that warms the drive half-way, rad/s."""
+"""Friction that falls as the drive warms up by its own motion. Legend: h share; z warmth in [0, 1]; T time constant,
+s; θ̇ motor speed; w its value that warms the drive half-way, rad/s."""
 
 from collections.abc import Mapping
 from typing import Any
