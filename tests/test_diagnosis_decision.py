@@ -77,24 +77,30 @@ def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
     assert _more(fit) == (("payload@2", "torque_constant@1") if there else ("payload@2",))
 
 
-@pytest.mark.parametrize("came", [1.0, 0.632, 0.151])
-def test_what_comes_over_time_counts_as_far_as_it_came(came: float) -> None:
-    """As large as the fit has it, wherever the point stands in which it has it."""
+def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
+    """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
     atoms = tuple(Atom(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
-    columns = [SimpleNamespace(index=k, center=0.0, unit=0.3) for k in range(2)]
-    words = SimpleNamespace(atoms=atoms, columns=columns, free=list)
-    put: list[float] = []
+    words = SimpleNamespace(atoms=atoms, free=list, theta=lambda p: p)
 
     def recalled(lane: Lane) -> tuple[None, Array]:
-        put.extend(lane.p[:2])
+        assert lane.memory is None and lane.p.tolist() == stood  # all windows, where it stands
         return None, np.array([[0.9, 0.0], [0.9, 0.5 * came], [0.9, came]])  # three windows, states of two effects
 
     arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"))
-    point = SimpleNamespace(p=np.zeros(2), begun=None)
+    point = SimpleNamespace(p=np.array(stood), begun=None)
     design = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm, recalled=recalled), point=point)
-    fit: Any = SimpleNamespace(atoms=(0, 1), design=design, posterior=(np.array([0.5, -0.7]), None))
-    assert sizes(fit) == pytest.approx({"thermal_friction@2": 0.5 * came, "current_bias@2": 0.7})
-    assert put == pytest.approx([0.15, 0.0]) and not point.p.any()
+    return SimpleNamespace(atoms=(0, 1), design=design, posterior=(np.array(mean), None))
+
+
+@pytest.mark.parametrize("came", [1.0, 0.632, 0.151])
+def test_what_comes_over_time_counts_as_far_as_it_came(came: float) -> None:
+    found = sizes(standing([0.5, -0.7], [0.5, -0.7], came))
+    assert found == pytest.approx({"thermal_friction@2": 0.5 * came, "current_bias@2": 0.7})
+
+
+def test_a_size_that_no_step_came_to_does_not_count() -> None:
+    found = sizes(standing([0.9, -0.1], [0.24, -0.7]))
+    assert found == pytest.approx({"thermal_friction@2": 0.24, "current_bias@2": 0.1})
 
 
 def test_what_is_too_small_is_not_in_the_set() -> None:

@@ -83,23 +83,20 @@ class Decision:
 
 def sizes(fit: Fitted) -> dict[str, float]:
     """Of the effects that are free, by name, in usual sizes: what its sines and cosines come to together, and of what
-    comes over time as much as came within the log."""
-    words, mean = fit.design.words, fit.posterior[0]
-    whole = {k: float(np.linalg.norm(mean[words.free((k,))])) for k in fit.atoms}
-    return {words.atoms[k].name: size * _came(k, fit) for k, size in whole.items()}
+    comes over time as much as came within the log. What only the linear model promises and no step came to is not there
+    yet, nor is what it would take away: the smaller one counts."""
+    words, stood = fit.design.words, fit.design.words.theta(fit.design.point.p)
+    whole = {k: min(np.linalg.norm(one[words.free((k,))]) for one in (fit.posterior[0], stood)) for k in fit.atoms}
+    return {words.atoms[k].name: float(size) * _came(k, fit) for k, size in whole.items()}
 
 
 def _came(k: int, fit: Fitted) -> float:
-    """The largest share of atom k that is there where a window begins, it being as large as the fit has it: of what
-    comes slowly, or at high speed alone, a large size shows as little as a small one of what is soon there."""
-    words, shooting, p = fit.design.words, fit.design.shooting, fit.design.point.p.copy()
-    atom = words.atoms[k]
+    """The largest share of atom k that is there where a window begins, where the fit stands: of what comes slowly, or
+    at high speed alone, a large size shows as little as a small one of what is soon there."""
+    atom, shooting, point = fit.design.words.atoms[k], fit.design.shooting, fit.design.point
     if atom.effect not in COMES:
         return 1.0
-    for c in words.free((k,)):
-        column = words.columns[c]
-        p[column.index] = column.center + float(fit.posterior[0][c]) * column.unit
-    memory = shooting.recalled(Lane(p, fit.design.point.begun))[1]
+    memory = shooting.recalled(Lane(point.p, point.begun))[1]
     own = shooting.arm.state_names[-memory.shape[1] :]
     return float(np.abs(memory[:, own.index(f"{COMES[atom.effect]}_{atom.joint}")]).max())
 
