@@ -12,7 +12,7 @@ import pytest
 
 from hdagen.diagnosis import calibration
 from hdagen.diagnosis.candidates import Atom
-from hdagen.diagnosis.decide import FORM, RARE, Hypothesis, _decided, _less, _more, _strange, sizes
+from hdagen.diagnosis.decide import FORM, RARE, Hypothesis, _decided, _less, _more, _strange, decide, sizes
 from hdagen.diagnosis.shooting import Lane
 from hdagen.plant import Array
 
@@ -77,6 +77,12 @@ def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
     assert _more(fit) == (("payload@2", "torque_constant@1") if there else ("payload@2",))
 
 
+class Stands(SimpleNamespace):
+    """A fit that is told from others by what it is."""
+
+    __hash__ = object.__hash__
+
+
 def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
     atoms = tuple(Atom(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
@@ -89,7 +95,7 @@ def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"))
     point = SimpleNamespace(p=np.array(stood), begun=None)
     design = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm, recalled=recalled), point=point)
-    return SimpleNamespace(atoms=(0, 1), design=design, posterior=(np.array(mean), None))
+    return Stands(atoms=(0, 1), design=design, posterior=(np.array(mean), None))
 
 
 @pytest.mark.parametrize("came", [1.0, 0.632, 0.151])
@@ -101,6 +107,24 @@ def test_what_comes_over_time_counts_as_far_as_it_came(came: float) -> None:
 def test_a_size_that_no_step_came_to_does_not_count() -> None:
     found = sizes(standing([0.9, -0.1], [0.24, -0.7]))
     assert found == pytest.approx({"thermal_friction@2": 0.24, "current_bias@2": 0.1})
+
+
+def test_a_set_that_was_not_fitted_itself_is_as_large_as_where_it_stands() -> None:
+    """A thermal friction that explains much beside a bias, both too small to count: nothing is missing."""
+    one, both = ("thermal_friction@2",), ("current_bias@2", "thermal_friction@2")
+    for size, said in ((0.2, ()), (0.5, one)):
+        fit = standing([size, -0.1], [size, -0.1])
+        worth = {(): -60.0, (0,): 0.0, (1,): -58.0, (0, 1): -2.0}
+        fit.names, fit.lesser, fit.evidence = both, list(worth), lambda _, atoms, worth=worth: worth[atoms]
+        words = fit.design.words
+        words.columns, words.spike = (), np.full(2, 0.05)
+        none = Stands(**{**vars(fit), "names": (), "atoms": (), "lesser": [()], "evidence": lambda *_: -60.0})
+        for each in (fit, none):
+            each.temperature, each.excess, each.clean, each.reached = 12.0, 1.0, 0.0, -1.0
+            each.unexplained, each.score = np.zeros(2), SimpleNamespace(at=SimpleNamespace(level=1.0))
+        screened = [SimpleNamespace(atoms=(), evidence=-60.0)]
+        search: Any = SimpleNamespace(words=words, fitted=(fit, none), screened=screened)
+        assert decide(search).verdict == said
 
 
 def test_what_is_too_small_is_not_in_the_set() -> None:
