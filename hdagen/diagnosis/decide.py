@@ -37,8 +37,7 @@ FORM = 0.2  # of the gain of effects, that another one of their kind may bring w
 COMES = {"thermal_friction": "warmth"}  # effects that come over time, and the state that says how far one is there
 SURE = 0.1  # probability of what else it may be, above which a verdict is not sure
 DOUBT = 1 / 3  # probability of none, before any calibration, from which no effect is named: an alarm sends an engineer
-# to change a model that may be right. Of 156 sealed logs without an effect none left less than 0.66, what comes over
-# time being counted as far as it came
+# to change a model that may be right. Of 300 sealed logs without an effect 297 left it 0.59 or more
 
 
 @dataclass(frozen=True, eq=False)
