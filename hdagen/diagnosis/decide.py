@@ -116,13 +116,14 @@ def decide(search: Search) -> Decision:
         fits.setdefault(fit.names, fit)
     temperature, excess = search.fitted[0].temperature, search.fitted[0].excess
     evidence: dict[tuple[str, ...], float] = {}
-    stands: dict[tuple[str, ...], Fitted] = {}  # where each set is worth most
+    stands: dict[tuple[str, ...], Fitted] = {}  # each set in its own fit, else where it is worth most
     for fit in search.fitted:
         atoms = fit.design.words.atoms
         for lesser in fit.lesser:
             names = tuple(sorted(atoms[k].name for k in lesser))
             if (worth := fit.evidence(temperature, lesser)) > evidence.get(names, -np.inf):
                 evidence[names], stands[names] = worth, fit
+    stands |= fits
     linear = next(s.evidence for s in search.screened if not s.atoms)
     for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
         names = tuple(words.atoms[k].name for k in s.atoms)
@@ -135,9 +136,9 @@ def decide(search: Search) -> Decision:
             weight[more] += weight[names]
             weight[names] = 0.0
     place = {atom.name: atom.place for fit in fits.values() for atom in fit.design.words.atoms}
-    seen = {fit: (sizes(fit), least(fit)) for fit in {**stands, **fits}.values()}
-    for names, fit in sorted({**stands, **fits}.items(), key=lambda one: len(one[0]), reverse=True):
-        size, needed = seen[fit]
+    seen = {fit: (sizes(fit), least(fit)) for fit in set(stands.values())}
+    for names in sorted(stands, key=len, reverse=True):
+        size, needed = seen[stands[names]]
         less = _less(names, {name: size[name] / needed[name] for name in names}, evidence, place)
         if less != names:
             weight[less if less in weight else ()] += weight[names]

@@ -75,14 +75,14 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         raise LogError([f"{logs[0].source}: {refused}"])
     content = findings(found, decision)
     say("replay of held-out motion")
-    before = _counted(replay(plain, held_out.log), seen)
-    flexible = corrected(plain, shown, held_out, before)
-    changed, after = _stands(robot, plain, content, before, held_out, flexible, seen)
-    say("what is tolerated, and what else it may be")
 
     def counted(arm: Arm) -> Replay:
         return _counted(replay(arm, held_out.log), seen)
 
+    before = counted(plain)
+    flexible = corrected(plain, shown, held_out, before)
+    changed, after = _stands(robot, plain, content, before, held_out, flexible, seen)
+    say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
     content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)
     say("where and when")

@@ -63,7 +63,7 @@ def _instead(decision: Decision, name: str, other: str) -> float:
 
 def _where(entry: str, place: str) -> dict[str, Any]:
     """Joint and place of an effect; its share and when it acts are not computed and stay empty."""
-    return {"joint": _parted(entry)[1], "place": place, "share": None, "when": ""}
+    return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "when": ""}
 
 
 def _cause(
@@ -73,15 +73,15 @@ def _cause(
     confounded: list[str],
 ) -> dict[str, Any]:
     """A candidate that was tried; its parameters where it was fitted."""
-    effect, joint = _parted(name)
+    effect, _, joint = name.partition("@")
     parameters: dict[str, Any] = {}
     if fit is not None:
         atom = next(k for k in fit.atoms if fit.design.words.atoms[k].name == name)
         parameters = estimates(fit, atom)
-    suffix = f"_{joint}" if joint else ""
+    suffix = f"_{joint}" if joint != "0" else ""
     return {
         "effect": effect,
-        "joint": joint,
+        "joint": int(joint),
         "probability": probability,
         "parameters": {k.removesuffix(suffix) if suffix else k: v for k, v in parameters.items()},
         "confounded_with": confounded,
@@ -100,21 +100,10 @@ def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
 
 def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
     """What a verdict of these effects would say, were it to stand where ``fit`` does."""
-    atoms = {fit.design.words.atoms[k].name: k for k in fit.atoms}
-    effects = {name: estimates(fit, atoms[name]) for name in names if name in atoms}
-    named = (verdict.Named(*_parted(name), _values(found)) for name, found in effects.items())
-    own = {parameter for found in effects.values() for parameter in found}
-    base = {name: value for name, value in _values(_base(fit)).items() if name not in own}
-    return verdict.Verdict("hypothesis", tuple(named), (), base)
-
-
-def _values(found: dict[str, Any]) -> dict[str, float]:
-    return {name: one["value"] for name, one in found.items()}
-
-
-def _parted(name: str) -> tuple[str, int]:
-    effect, _, joint = name.partition("@")
-    return effect, int(joint)
+    there = [name for name in names if name in fit.names]
+    causes = [_cause(name, 1.0, fit, []) for name in there]
+    said = {"schema": verdict.SCHEMA, "verdict": there, "causes": causes, "parameters": _base(fit)}
+    return verdict.read(said)
 
 
 def _base(best: Fitted) -> dict[str, Any]:

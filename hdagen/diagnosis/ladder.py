@@ -27,7 +27,8 @@ def ladder(
     in multiples of noise and its ``interval``. The hypotheses are none, whose base parameters are refitted, and the
     most probable ones that were fitted, each with its own parameters; ``said`` is the verdict that ``after`` has,
     ``seen`` the replay of what is ``held`` out on an arm. Raises PlantError."""
-    fitted = [h for h in decision.hypotheses if h.fit and h.names != tuple(sorted(said))]
+    stated = tuple(said)
+    fitted = [h for h in decision.hypotheses if h.fit and h.names != stated]
     tried = [h for h in fitted if not h.names] + [h for h in fitted if h.names][:MOST]
 
     def replayed(one: Hypothesis) -> Replay:
@@ -37,7 +38,7 @@ def ladder(
     rungs: list[tuple[str, Sequence[str], float | None]] = [
         ("robot file", (), None),
         *(("hypothesis", h.names, h.probability) for h in tried),
-        ("verdict", said, decision.probability if tuple(sorted(said)) == tuple(sorted(decision.verdict)) else None),
+        ("verdict", stated, decision.probability if stated == decision.verdict else None),
     ]
     left = spread(before, [before, *together(replayed, tried), after], held)
     found = [

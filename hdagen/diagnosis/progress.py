@@ -13,21 +13,19 @@ from collections.abc import Callable
 from threading import Lock
 
 # share of the whole that is behind when a stage begins, of a log of 10 s in which two effects were tried together
-BEHIND = (
-    ("model", 0.0),
-    ("what the log suggests", 0.02),
-    ("screening", 0.06),
-    ("fitting .* from .*, round 1 of", 0.62),
-    ("fitting .* from .*, round 2 of", 0.65),
-    ("fitting .* from .*, round 3 of", 0.68),
-    ("going on with", 0.75),
-    ("replay of held-out motion", 0.84),
-    ("what is tolerated", 0.89),
-    ("where and when", 0.95),
-    ("report", 0.97),
-)
-RACES = ((0.13, 0.2, 0.25), (0.46, 0.48, 0.5), (0.57, 0.58, 0.59))  # the same of the rounds of each race
-RACE = re.compile(r"fitting .*, round (\d) of")
+BEHIND = {
+    "model": 0.0,
+    "what the log suggests": 0.02,
+    "screening": 0.06,
+    "going on with": 0.75,
+    "replay of held-out motion": 0.84,
+    "what is tolerated": 0.89,
+    "where and when": 0.95,
+    "report": 0.97,
+}
+# the same of the rounds of each race, and of those from where the leader stands
+RACES, FROM = ((0.13, 0.2, 0.25), (0.46, 0.48, 0.5), (0.57, 0.58, 0.59)), (0.62, 0.65, 0.68)
+ROUND = re.compile(r"fitting [^,]*, (from [^,]*, )?round (\d) of")
 SPRING, ANOTHER = "a spring in what", 0.5  # a second search, of a rigid drive with a spring, and what is behind then
 LEAST = 0.05  # share behind, from which the time left is told
 
@@ -57,13 +55,12 @@ class Progress:
         self.behind = max(self.behind, self.base + (1.0 - self.base) * self._share(stage))
 
     def _share(self, stage: str) -> float:
-        for words, share in BEHIND:
-            if re.match(words, stage):
-                return share
-        if not (found := RACE.match(stage)):
-            return 0.0
-        number = int(found[1])
+        if not (found := ROUND.match(stage)):
+            return next((share for words, share in BEHIND.items() if stage.startswith(words)), 0.0)
+        number = int(found[2])
+        if found[1]:
+            return FROM[number - 1]
         if number < self.round:
             self.races = min(self.races + 1, len(RACES) - 1)
         self.round = number
-        return RACES[self.races][min(number, 3) - 1]
+        return RACES[self.races][number - 1]

@@ -109,7 +109,7 @@ def _candidates(content: dict[str, Any]) -> Section:
     named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
     shown = rows[: min(named, SHOWN)]
     figures = [
-        *_ladder(content),
+        _ladder(content),
         bars(
             "Most probable hypotheses",
             [str(r[0]) for r in shown],
@@ -135,29 +135,28 @@ def _candidates(content: dict[str, Any]) -> Section:
     return Section("How sure", text, figures)
 
 
-def _ladder(content: dict[str, Any]) -> list[str]:
+def _ladder(content: dict[str, Any]) -> str:
     """What the leading hypotheses leave on held-out motion."""
     gap, rungs = content["gap"], content["ladder"]
-    names = [one["model"] if one["model"] == "robot file" else _rung(one) for one in rungs]
-    ends = [one["interval"] or (float("nan"), float("nan")) for one in rungs]
+    low, high = zip(*(one["interval"] or (float("nan"), float("nan")) for one in rungs), strict=True)
     levels = [(gap["floor"], "noise alone")]
     if gap["achievable"] is not None:
         levels.append((gap["achievable"], "flexible correction"))
-    return [
-        bars(
-            "Candidates on held-out motion",
-            names,
-            [Bars("", [one["gap"] for one in rungs], ([low for low, _ in ends], [high for _, high in ends]))],
-            value_label="replay error in multiples of noise",
-            levels=levels,
-            log=True,
-            caption="What each leaves where no fit saw the motion, with base parameters of its own within their "
-            "tolerance; 95 % by drawing blocks of windows anew.",
-        )
-    ]
+    return bars(
+        "Candidates on held-out motion",
+        [_rung(one) for one in rungs],
+        [Bars("", [one["gap"] for one in rungs], (low, high))],
+        value_label="replay error in multiples of noise",
+        levels=levels,
+        log=True,
+        caption="What each leaves where no fit saw the motion, with base parameters of its own within their "
+        "tolerance; 95 % by drawing blocks of windows anew.",
+    )
 
 
 def _rung(one: dict[str, Any]) -> str:
+    if one["model"] == "robot file":
+        return "robot file"
     named = " and ".join(words(e) for e in one["effects"]) or "base parameters alone"
     return f"verdict: {named}" if one["model"] == "verdict" else named
 
