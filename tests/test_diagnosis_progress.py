@@ -10,16 +10,16 @@ from hdagen.diagnosis.progress import Progress
 
 USUAL = [  # stages of a log of two effects with the second at which each began, and where it ended
     (0.0, "model"),
-    (1.0, "what the log suggests"),
-    (5.0, "screening 115 candidates"),
-    (12.0, "fitting none, round 1 of 3"),
-    (20.0, "fitting payload@2, round 2 of 3"),
-    (24.0, "fitting none, round 3 of 3"),
-    (45.0, "fitting payload@2 + stiffness@1, round 1 of 3"),
-    (49.0, "fitting payload@2 + stiffness@1, round 3 of 3"),
-    (55.0, "fitting payload@2 + stiffness@1 + backlash@2, round 1 of 3"),
-    (60.0, "fitting none, from payload@2 + stiffness@1, round 1 of 3"),
-    (73.0, "going on with payload@2 + stiffness@1, payload@2"),
+    (2.6, "what the log suggests"),
+    (12.0, "screening 115 candidates"),
+    (33.0, "fitting none, round 1 of 3"),
+    (35.0, "fitting payload@2, round 2 of 3"),
+    (40.0, "fitting none, round 3 of 3"),
+    (51.0, "fitting payload@2 + stiffness@1, round 1 of 3"),
+    (58.0, "fitting payload@2 + stiffness@1, round 3 of 3"),
+    (64.0, "fitting payload@2 + stiffness@1 + backlash@2, round 1 of 3"),
+    (70.0, "fitting none, from payload@2 + stiffness@1, round 1 of 3"),
+    (77.0, "going on with payload@2 + stiffness@1, payload@2"),
     (82.0, "replay of held-out motion"),
     (92.0, "where and when"),
     (95.0, "report"),
@@ -52,7 +52,7 @@ def test_more_to_do_takes_longer_and_what_is_left_out_does_not(capsys: pytest.Ca
     found = said([*USUAL[:-2], *spring], capsys)
     (before, after), last = found[-3:-1], found[-1]
     assert before is not None and after is not None and last is not None and before < 20 < last <= after
-    short = said([*USUAL[:6], (26.0, "replay of held-out motion"), (28.0, "where and when")], capsys)
+    short = said([*USUAL[:6], (44.0, "replay of held-out motion"), (46.0, "where and when")], capsys)
     assert short[-1] == pytest.approx(1.0, abs=1.0)
 
 

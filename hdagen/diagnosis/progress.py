@@ -15,16 +15,16 @@ from threading import Lock
 # share of the whole that is behind when a stage begins, of a log of 10 s in which two effects were tried together
 BEHIND = {
     "model": 0.0,
-    "what the log suggests": 0.02,
-    "screening": 0.06,
-    "going on with": 0.75,
+    "what the log suggests": 0.03,
+    "screening": 0.125,
+    "going on with": 0.8,
     "replay of held-out motion": 0.84,
-    "what is tolerated": 0.89,
-    "where and when": 0.95,
+    "what is tolerated": 0.88,
+    "where and when": 0.96,
     "report": 0.97,
 }
 # the same of the rounds of each race, and of those from where the leader stands
-RACES, FROM = ((0.13, 0.2, 0.25), (0.46, 0.48, 0.5), (0.57, 0.58, 0.59)), (0.62, 0.65, 0.68)
+RACES, FROM = ((0.33, 0.36, 0.41), (0.52, 0.56, 0.59), (0.66, 0.67, 0.68)), (0.72, 0.74, 0.77)
 ROUND = re.compile(r"fitting [^,]*, (from [^,]*, )?round (\d) of")
 SPRING, ANOTHER = "a spring in what", 0.5  # a second search, of a rigid drive with a spring, and what is behind then
 LEAST = 0.05  # share behind, from which the time left is told
