@@ -15,6 +15,7 @@ from hdagen.plant import Arm, PlantError, load
 
 SCHEMA = 1
 REACH = 3.0  # standard deviations of its tolerance that a base parameter may move
+LEVEL = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
 _LARGEST = 10_000_000  # bytes of a file
 _EFFECT = re.compile(r"([a-z][a-z0-9_]{0,47})@([0-9]{1,2})")
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
@@ -111,12 +112,12 @@ def applied(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
     notes = [f"unknown@{joint} has no equation: nothing is added for it." for joint in verdict.unknown]
     for name, value in verdict.base.items():
         q = described[name]
-        reach = REACH * q.tolerance * abs(q.nominal)
+        reach = max(REACH * q.tolerance * abs(q.nominal), LEVEL if name.startswith("gravity_") else 0.0)
         values[name] = min(max(value, q.nominal - reach), q.nominal + reach)
         if abs(values[name] - value) > 1e-9 * max(abs(q.nominal), abs(value)):
             notes.append(
-                f"{name}: {value:.6g} {q.unit} lies beyond {REACH:g} times its tolerance of {100 * q.tolerance:g} % "
-                f"and is taken as {values[name]:.6g}."
+                f"{name}: {value:.6g} {q.unit} lies farther from {q.nominal:.6g} than a base parameter within its "
+                f"tolerance may ({reach:.3g} {q.unit}) and is taken as {values[name]:.6g}."
             )
     changed = Arm(arm.folder)
     changed.parameters.update(dict(arm.parameters))

@@ -109,22 +109,33 @@ def test_a_size_that_no_step_came_to_does_not_count() -> None:
     assert found == pytest.approx({"thermal_friction@2": 0.24, "current_bias@2": 0.1})
 
 
-def test_a_set_that_was_not_fitted_itself_is_as_large_as_where_it_stands() -> None:
-    """A thermal friction that explains much beside a bias, both too small to count: nothing is missing."""
-    one, both = ("thermal_friction@2",), ("current_bias@2", "thermal_friction@2")
-    for size, said in ((0.2, ()), (0.5, one)):
-        fit = standing([size, -0.1], [size, -0.1])
-        worth = {(): -60.0, (0,): 0.0, (1,): -58.0, (0, 1): -2.0}
-        fit.names, fit.lesser, fit.evidence = both, list(worth), lambda _, atoms, worth=worth: worth[atoms]
-        words = fit.design.words
-        words.columns, words.spike = (), np.full(2, 0.05)
-        none = Stands(**{**vars(fit), "names": (), "atoms": (), "lesser": [()], "evidence": lambda *_: -60.0})
-        for each in (fit, none):
-            each.temperature, each.excess, each.clean, each.reached = 12.0, 1.0, 0.0, -1.0
-            each.unexplained, each.score = np.zeros(2), SimpleNamespace(at=SimpleNamespace(level=1.0))
-        screened = [SimpleNamespace(atoms=(), evidence=-60.0)]
-        search: Any = SimpleNamespace(words=words, fitted=(fit, none), screened=screened)
-        assert decide(search).verdict == said
+@pytest.mark.parametrize(
+    ("size", "leaves", "said"),
+    [
+        (0.2, 0.0, ()),  # both too small to count: nothing is missing
+        (0.5, 0.0, ("thermal_friction@2",)),
+        (0.2, 0.8, ("unknown@1",)),  # but what made up for much of a gap that stays, and is too small, explains none
+        (0.5, 0.8, ("thermal_friction@2",)),
+    ],
+)
+def test_a_set_that_was_not_fitted_itself_is_as_large_as_where_it_stands(
+    size: float, leaves: float, said: tuple[str, ...]
+) -> None:
+    """A thermal friction that explains much beside a bias."""
+    both = ("current_bias@2", "thermal_friction@2")
+    fit = standing([size, -0.1], [size, -0.1])
+    worth = {(): -60.0, (0,): 0.0, (1,): -58.0, (0, 1): -2.0}
+    fit.names, fit.lesser, fit.evidence = both, list(worth), lambda _, atoms, worth=worth: worth[atoms]
+    words = fit.design.words
+    words.columns, words.spike = (), np.full(2, 0.05)
+    none = Stands(**{**vars(fit), "names": (), "atoms": (), "lesser": [()], "evidence": lambda *_: -60.0})
+    for each in (fit, none):
+        each.temperature, each.excess, each.clean, each.reached = 12.0, 1.0, 0.0, -1.0 if each is fit else -60.0
+        each.unexplained = np.array([leaves if each is fit else 4.0 * leaves, 0.0])
+        each.score = SimpleNamespace(at=SimpleNamespace(level=1.0))
+    screened = [SimpleNamespace(atoms=(), evidence=-60.0)]
+    search: Any = SimpleNamespace(words=words, fitted=(fit, none), screened=screened)
+    assert decide(search).verdict == said
 
 
 def test_what_is_too_small_is_not_in_the_set() -> None:

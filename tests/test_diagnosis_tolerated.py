@@ -1,4 +1,5 @@
-"""What a verdict leaves within tolerance is listed with what it is worth; where it is worth nothing, nothing is."""
+"""What a verdict leaves within tolerance is listed with what it is worth; where it is worth nothing, nothing is. What a
+base leans goes along."""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen import verdict
 from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.findings import hypothetical
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.starts import Suggested
@@ -27,10 +29,10 @@ NOTHING = {"schema": verdict.SCHEMA, "verdict": [], "causes": [], "parameters": 
 
 
 def stands(arm: Arm, words: Dictionary, size: float, std: float, atoms: tuple[int, ...] = ()) -> Any:
-    """A fit that has both joints' cables at ``size``, told to ``std``."""
+    """A fit that has both joints' cables and the base's lean at ``size``, told to ``std``."""
     mean, p = np.zeros(len(words.columns)), arm.p.copy()
     for k, c in enumerate(words.columns):
-        if c.parameter.startswith("cable_stiffness"):
+        if c.parameter.startswith(("cable_stiffness", "tilt_")):
             mean[k], p[c.index] = size, c.center + size * c.unit
     design = SimpleNamespace(words=words, point=SimpleNamespace(p=p), shooting=SimpleNamespace(arm=arm))
     names = tuple(words.atoms[k].name for k in atoms)
@@ -63,3 +65,24 @@ def test_what_is_tolerated_is_listed_by_what_it_closes(build: Builder) -> None:
     assert not found(stands(arm, words, 0.0, 0.01))
     named = next(k for k, atom in enumerate(words.atoms) if atom.name == "cable_spring@1" and atom.first)
     assert not found(stands(arm, words, SIZE, 0.01, (named,)))  # the verdict has it
+
+
+def test_what_a_base_leans_goes_with_any_verdict_that_does_not_name_it(build: Builder) -> None:
+    arm = Arm(build(FLEXIBLE, effects=("gravity_tilt",)).folder)
+    words = dictionary(arm, Suggested({}, {}, {})).focused(())
+    usual = {axis: arm.parameters.described[f"tilt_{axis}"].typical for axis in "xy"}
+    assert usual["x"] and usual["y"]
+    arm.parameters.update({f"tilt_{axis}": SIZE * size for axis, size in usual.items()})
+    log = simulated(arm)
+    true = replay(arm, log).gap
+    arm.parameters.reset()
+    held, before = Portion(log, np.ones(len(log), bool)), replay(arm, log)
+    fit = stands(arm, words, SIZE, 0.01)
+    said = hypothetical(fit, ())
+    assert said.base["gravity_x"] == pytest.approx(SIZE * usual["x"])
+    assert said.base["gravity_y"] == pytest.approx(SIZE * usual["y"] - 9.81)
+    after = replay(arm, log, with_=said)
+    assert after.gap == pytest.approx(true) and true < before.gap / 5
+    assert not tolerated(fit, said, before, before, held, lambda changed: replay(changed, log))  # it is not listed, too
+    named = next(k for k, atom in enumerate(words.atoms) if atom.effect == "gravity_tilt")
+    assert not {"gravity_x", "gravity_y"} & set(hypothetical(stands(arm, words, SIZE, 0.01, (named,)), ()).base)

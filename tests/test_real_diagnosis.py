@@ -96,18 +96,6 @@ def cause(found: dict[str, Any], effect: str, joint: int = 1) -> dict[str, Any]:
     return one
 
 
-def excused(found: dict[str, Any], effect: str) -> bool:
-    """Whether an effect at joint 1 is in the verdict, or in what an effect of the verdict is confounded with."""
-    alike = {
-        c
-        for v in found["verdict"]
-        if "unknown" not in v
-        for c in cause(found, *v.split("@")[:1])["confounded_with"]
-        if "@1" in v
-    }
-    return f"{effect}@1" in found["verdict"] or f"{effect}@1" in alike
-
-
 # -- EMPS -------------------------------------------------------------------------------------------------------------
 
 
@@ -133,15 +121,16 @@ def test_emps_without_friction_lacks_coulomb_friction(emps_without_friction: dic
     assert found["verdict"] == ["coulomb_friction@1"]
     value = cause(found, "coulomb_friction")["parameters"]["coulomb_friction"]["value"]
     assert value == pytest.approx(20.4, rel=0.1)  # as published
-    assert found["gap"]["after"] < found["gap"]["before"] / 5
+    assert found["gap"]["after"] < found["gap"]["before"] / 8
 
 
-@missed("Coulomb friction alone: 5.7-fold; the offset is a tilt of some mrad, too small to be named")
 def test_emps_without_friction_lacks_its_offset_too(
     emps: tuple[Path, Path], out: Path, emps_without_friction: dict[str, Any], hdagen: Callable[..., str]
 ) -> None:
+    """A constant force is a base that leans: 3 mrad are less than an effect, and go along with the base parameters."""
     robot, pulses = EXAMPLES / "emps" / "without_friction.toml", emps[1]
-    assert excused(emps_without_friction, "asymmetric_friction") or excused(emps_without_friction, "current_bias")
+    force = 95.1089 * emps_without_friction["parameters"]["gravity_x"]["value"]
+    assert force == pytest.approx(3.1648, rel=0.15)  # as published
     before = error(hdagen, robot, pulses)
     assert error(hdagen, robot, pulses, out / "emps" / "diagnosis.json") <= before / 8
 

@@ -44,6 +44,22 @@ def test_base_parameters_stay_near_their_tolerance_and_effects_do_not(made: Call
     assert [note.split(":")[0] for note in notes] == ["unknown@1 has no equation", "mass_1"]
 
 
+@pytest.mark.parametrize("robot_file", [(0.0, 0.0), (0.0, -9.81)])
+@pytest.mark.parametrize("leans", [0.03, -0.1, 5.0, -5.0])
+def test_gravity_may_lean_a_little_even_where_the_robot_file_states_none(
+    robot_file: tuple[float, float], leans: float, made: Callable
+) -> None:
+    arm = made(FLEXIBLE.replace("gravity = [0.0, -9.81]", f"gravity = [{robot_file[0]}, {robot_file[1]}]"))
+    nominal = arm.parameters["gravity_x"], arm.parameters["gravity_y"]
+    assert nominal == robot_file
+    stated = diagnosis(verdict=[], parameters={f"gravity_{axis}": nominal[k] + leans for k, axis in enumerate("xy")})
+    changed, notes = verdict.applied(arm, verdict.read(stated))
+    for k, axis in enumerate("xy"):
+        moved = changed.parameters[f"gravity_{axis}"] - nominal[k]
+        assert moved == pytest.approx(math.copysign(min(abs(leans), verdict.LEVEL), leans))
+    assert len(notes) == (2 if abs(leans) > verdict.LEVEL else 0)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -146,7 +146,8 @@ def decide(search: Search) -> Decision:
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
     left = search.fitted[0]  # what even the best of all leaves
-    strange = _strange(left, fits[()])
+    # what is too small to count tells nothing of a gap: where that leads, none leaves what the best does
+    strange = _strange(left, fits[()] if order[0] else left)
     unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE else 0.0
     hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), fits.get(names)) for names in order]
     joint = int(np.argmax(left.unexplained)) + 1

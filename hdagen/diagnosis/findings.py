@@ -15,6 +15,7 @@ from hdagen.diagnosis.separators import separate_by
 from hdagen.diagnosis.told import Told
 from hdagen.plant import Parameter
 
+LEANS = {"tilt_x": "gravity_x", "tilt_y": "gravity_y"}  # what stands for a base that leans less than is named
 LIKELY = 0.01  # probability from which another cause is named as confounded
 
 
@@ -107,14 +108,27 @@ def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
 
 
 def _base(best: Fitted) -> dict[str, Any]:
-    """The base parameters as re-estimated with the verdict."""
-    described = best.design.shooting.arm.parameters.described
-    _, covariance = best.posterior
-    return {
-        c.parameter: _estimate(best, described[c.parameter], c.index, math.sqrt(covariance[k, k]) * c.unit)
-        for k, c in enumerate(best.design.words.columns)
-        if c.base and c.atom not in best.atoms and described[c.parameter].tolerance > 0
-    }
+    """The base parameters as re-estimated with the verdict; no base is quite level, and what it leans, where no verdict
+    names that, is in gravity."""
+    arm = best.design.shooting.arm
+    described, (_, covariance) = arm.parameters.described, best.posterior
+    found = {}
+    for k, c in enumerate(best.design.words.columns):
+        std, q = math.sqrt(covariance[k, k]) * c.unit, described[c.parameter]
+        if c.atom in best.atoms:
+            continue
+        if c.base and q.tolerance > 0:
+            found[c.parameter] = _estimate(best, q, c.index, std)
+        elif c.parameter in LEANS and best.design.words.atoms[c.atom].first:
+            leaned = float(best.design.point.p[c.index]) - q.nominal
+            stated = described[LEANS[c.parameter]]
+            found[stated.name] = {
+                "value": stated.nominal + leaned,
+                "std": std,
+                "unit": stated.unit,
+                "prior": c.spike * c.unit,
+            }
+    return found
 
 
 def _estimate(fit: Fitted, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:

@@ -256,7 +256,7 @@ def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float 
     std, unit = estimate.get("std"), estimate.get("unit", "")
     if q is None:
         return [name, None, None, estimate["value"], std, unit, None, "–"]
-    prior = q.tolerance * abs(q.nominal) or (q.typical or None)
+    prior = estimate.get("prior") or q.tolerance * abs(q.nominal) or (q.typical or None)
     told = None if std is None or not prior else std / prior
     if told is None:
         said = "no width" if std is None else "–"

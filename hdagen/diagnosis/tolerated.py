@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hdagen import verdict
-from hdagen.diagnosis.findings import estimates
+from hdagen.diagnosis.findings import LEANS, estimates
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion
@@ -35,7 +35,9 @@ def tolerated(
     mean, covariance = best.posterior
     clear: dict[int, float] = {}
     for k, c in enumerate(words.columns):
-        goes_along = c.atom < 0 or described[c.parameter].tolerance > 0  # base parameters go with the verdict
+        goes_along = (
+            c.atom < 0 or c.parameter in LEANS or described[c.parameter].tolerance > 0
+        )  # base parameters go with the verdict
         if not goes_along and words.atoms[c.atom].name not in best.names:
             told = abs(float(mean[k])) / math.sqrt(covariance[k, k])
             clear[c.atom] = max(told, clear.get(c.atom, CLEAR))
