@@ -25,7 +25,8 @@ from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.pictures import means, pictures
 from hdagen.diagnosis.portion import Portion, blocks
 from hdagen.diagnosis.regimes import Regressor, concentrated, explained
-from hdagen.diagnosis.sentences import confounded, sentence
+from hdagen.diagnosis.sentences import NEAREST, confounded, sentence
+from hdagen.diagnosis.sentences import words as in_words
 from hdagen.diagnosis.whereabouts import trace, where
 from hdagen.diagnosis.whiteness import LAGS, whiteness
 from hdagen.log import Log
@@ -410,6 +411,17 @@ def test_the_page_is_silent_and_asks_for_nothing(arm: Arm, tmp_path: Path) -> No
             shot = base64.b64decode(tab.call("Page.captureScreenshot")["data"])
             assert len(shot) > 10_000
             assert tab.messages == [] and tab.requests == [path.as_uri()]
+
+
+@pytest.mark.parametrize("count", [1, NEAREST, NEAREST + 1, 28])
+def test_of_what_an_effect_may_also_be_the_nearest_are_named(count: int) -> None:
+    others = [f"{effect.name}@1" for effect in ALL][:count]
+    cause = {"effect": "sensor_delay", "joint": 2, "probability": 0.6, "confounded_with": others, "separate_by": "-"}
+    said = confounded({"verdict": ["sensor_delay@2"], "causes": [cause], "unseen": []})
+    first = said.split("may also be ")[1].split(". ")[0]
+    assert [o for o in others if in_words(o) in re.split(", (?!or one of)|, or", first)] == others[:NEAREST]
+    assert (f"{count - NEAREST} others" in said) == (count > NEAREST)
+    assert separators.separate_by("sensor_delay@2", others[:NEAREST]) in said
 
 
 def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from hdagen.diagnosis.separators import separate_by
@@ -9,6 +10,7 @@ from hdagen.pages.quantity import number
 
 LIKELY = 0.01  # probability from which a candidate is spoken of
 SEPARATED = 4  # candidates that a motion is designed for, where none is named
+NEAREST = 6  # effects that one may also be, that are named
 MORE = 0.75  # of the gap that is left, below which an effect within tolerance brings it if it is spoken of
 FINE = 1000.0  # multiples of the noise, from which the error is said in its unit, too
 
@@ -110,12 +112,17 @@ def confounded(content: dict[str, Any]) -> str:
             f"{text}\n\nWhat would tell {words(likely[0])} from the others: {separate_by(likely[0], likely[1:])}\n\n"
             f"    hdagen excite robot.toml --separate {','.join(likely[:SEPARATED])}\n\ndesigns a motion that does."
         )
-    said = [
-        f"{words(name)[0].upper()}{words(name)[1:]} may also be {', '.join(words(o) for o in others)}. "
-        f"{causes[name]['separate_by']}"
-        for name in named
-        if (others := causes[name]["confounded_with"])
-    ]
+    said = [_alike(name, others) for name in named if (others := causes[name]["confounded_with"])]
     if not said:
         return "Nothing else explains this log nearly as well: no pair is confounded."
     return "What this log cannot tell apart, and the motion that would:\n\n" + "\n\n".join(said)
+
+
+def _alike(name: str, others: Sequence[str]) -> str:
+    """What an effect of the verdict may also be, the nearest first, and the motions that would tell; where that is
+    nearly anything, the motion says little of it, and a list of all would say no more."""
+    few, more = others[:NEAREST], len(others) - NEAREST
+    said = f"{words(name)[0].upper()}{words(name)[1:]} may also be {', '.join(words(o) for o in few)}"
+    if more > 0:
+        said += f", or one of {more} others (diagnosis.json has them): this motion tells little of it"
+    return f"{said}. {separate_by(name, few)}"
