@@ -405,6 +405,22 @@ def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> N
     assert rates.combined([whole])[kind]["summary"] == whole["summary"]
     assert together[kind]["summary"] == whole["summary"]
     assert together[kind]["cases"] == 24 and [one["seed"] for one in together[kind]["checks"]] == ["a", "b"]
+    grown = rates.combined([rates.combined([parts[0]]), parts[1]])
+    assert grown[kind]["summary"] == whole["summary"] and grown[kind]["rows"] == whole["rows"]
+    bare = {kind: {key: value for key, value in grown[kind].items() if key not in ("rows", "without_rows")}}
+    more = check(_many(kind)[3:], "more")
+    for first in (rates.combined([bare]), bare):  # an earlier file that held no cases
+        of_both = rates.combined([first, more])[kind]
+        exact = summary([*rows, *_many(kind)[3:]])
+        assert of_both["cases"] == 45 and len(of_both["rows"]) == 21
+        for name, figure in of_both["summary"].items():
+            if name in rates.NOT_COUNTED:
+                assert figure == whole["summary"][name]  # of those that are more
+            else:
+                assert figure["count"] == exact[name].count
+                assert [figure[key] for key in ("value", "low", "high")] == pytest.approx(
+                    [exact[name].value, exact[name].low, exact[name].high], abs=1e-12
+                )
     assert set(together) == {kind, "task"} and rates.table(together).count("\n| one effect on a circle task |") >= 3
     with pytest.raises(ValueError, match="a seed stands twice"):
         rates.combined([whole, whole])

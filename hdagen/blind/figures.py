@@ -30,10 +30,18 @@ NONE = Figure(math.nan, 0, math.nan, math.nan)
 
 def rate(hits: Sequence[bool]) -> Figure:
     """The share of true ones, with Wilson's interval (J. Am. Stat. Assoc. 22 (1927) 209)."""
-    n = len(hits)
+    return _share(sum(hits), len(hits))
+
+
+def rates_together(parts: Sequence[Figure]) -> Figure:
+    """The `rate` over the cases of all."""
+    return _share(sum(round(one.value * one.count) for one in parts), sum(one.count for one in parts))
+
+
+def _share(hits: int, n: int) -> Figure:
     if not n:
         return NONE
-    share = sum(hits) / n
+    share = hits / n
     middle = (share + _Z * _Z / (2 * n)) / (1 + _Z * _Z / n)
     half = _Z / (1 + _Z * _Z / n) * math.sqrt(share * (1 - share) / n + _Z * _Z / (4 * n * n))
     # at the ends the interval touches them exactly, which rounding must not undo
@@ -49,6 +57,18 @@ def mean(values: Sequence[float]) -> Figure:
         return NONE
     middle = float(np.mean(values))
     half = _Z * float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else math.nan
+    return Figure(middle, n, middle - half, middle + half)
+
+
+def means_together(parts: Sequence[Figure]) -> Figure:
+    """The `mean` over the cases of all, from what each says of its own."""
+    n = sum(one.count for one in parts)
+    middle = sum(one.count * one.value for one in parts) / n
+    squares = sum(one.count * (one.value - middle) ** 2 for one in parts)
+    squares += sum(
+        (one.count - 1) * one.count * ((one.high - one.low) / (2 * _Z)) ** 2 for one in parts if one.count > 1
+    )
+    half = _Z * math.sqrt(squares / (n - 1) / n) if n > 1 else math.nan
     return Figure(middle, n, middle - half, middle + half)
 
 

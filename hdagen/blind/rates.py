@@ -1,7 +1,12 @@
 """What sealed checks found, those of a kind together, in one file, and the table that README and docs have of it.
 
 python -m hdagen.blind.rates blind-single/blind.json blind-none/blind.json again/blind.json --out docs/blind.json
+python -m hdagen.blind.rates docs/blind.json blind-unknown/blind.json --out docs/blind.json
 python -m hdagen.blind.rates docs/blind.json
+
+A combined file may be combined with further checks. Of a kind whose cases it does not hold, shares and means are
+counted together from their figures; a median and an error of calibration cannot be, and are those of whichever cases
+are more.
 """
 
 from __future__ import annotations
@@ -17,32 +22,70 @@ from typing import Any
 
 from hdagen.blind.bars import BARS
 from hdagen.blind.blind_page import KINDS
-from hdagen.blind.figures import Figure
+from hdagen.blind.figures import Figure, means_together, rates_together
 from hdagen.blind.run import replace
 from hdagen.blind.score import Row, summary
 from hdagen.blind.words import WORDS, said
 
 NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
+MEANS = {"p_truth", "brier", "pair_f1"}
+NOT_COUNTED = {"calibration_error", "closed", "achieved", "seconds"}  # the others are shares
 KEPT = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_hash")
 
 
 def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """By kind: the figures over all cases of its checks, and of each check what it takes to run it again. ValueError
-    where a seed stands twice, as its cases would count twice."""
+    """By kind: the figures over all cases of its checks, what it takes to run each again, the cases (``rows``), and the
+    figures of those that are not there (``without_rows``). A report is that of a check, or what this returned.
+    ValueError where a seed stands twice, as its cases would count twice."""
     kinds: dict[str, list[Mapping[str, Any]]] = {}
     for report in reports:
-        kinds.setdefault(report["kind"], []).append(report)
+        parts = {report["kind"]: _of_check(report)} if "kind" in report else report
+        for kind, part in parts.items():
+            kinds.setdefault(kind, []).append(part)
     found = {}
-    for kind, checks in kinds.items():
+    for kind, parts_of in kinds.items():
+        checks = [check for part in parts_of for check in part["checks"]]
         seeds = [check["seed"] for check in checks]
         if len(set(seeds)) < len(seeds):
             raise ValueError(f"{kind}: a seed stands twice among {', '.join(sorted(seeds))}; give each check once.")
-        figures = summary([_row(row) for check in checks for row in check["rows"]])
+        rows = [row for part in parts_of for row in part.get("rows", [])]
+        gone = [_figures(part["without_rows"] if "rows" in part else part["summary"]) for part in parts_of]
+        before = _together([one for one in gone if one])
+        figures = _together([one for one in (before, summary([_row(row) for row in rows])) if one])
         found[kind] = {
-            "cases": sum(check["cases"] for check in checks),
+            "cases": sum(part["cases"] for part in parts_of),
             "summary": {name: figure.json() for name, figure in figures.items()},
-            "checks": [{key: check[key] for key in KEPT} for check in checks],
+            "checks": checks,
+            "without_rows": {name: figure.json() for name, figure in before.items()},
+            "rows": rows,
         }
+    return found
+
+
+def _of_check(report: Mapping[str, Any]) -> dict[str, Any]:
+    """A check's own report as a part of a combined file."""
+    check = {key: report[key] for key in KEPT}
+    return {"cases": report["cases"], "checks": [check], "without_rows": {}, "rows": report["rows"]}
+
+
+def _figures(stated: Mapping[str, Any]) -> dict[str, Figure]:
+    found = {name: _figure(one) for name, one in stated.items()}
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def _together(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
+    """Figures over the cases of all parts, by name."""
+    if len(parts) == 1:
+        return dict(parts[0])
+    found = {}
+    for name in dict.fromkeys(name for part in parts for name in part):
+        each = [part[name] for part in parts if name in part]
+        if name in MEANS:
+            found[name] = means_together(each)
+        elif name in NOT_COUNTED:
+            found[name] = max(each, key=lambda one: one.count)
+        else:
+            found[name] = rates_together(each)
     return found
 
 
