@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hdagen import verdict
-from hdagen.diagnosis.candidates import PRESENT
+from hdagen.diagnosis.candidates import PRESENT, SILENT
 from hdagen.diagnosis.decide import SURE, Decision
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.search import Search, first_whole
@@ -110,24 +110,22 @@ def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
 def _base(best: Fitted) -> dict[str, Any]:
     """The base parameters as re-estimated with the verdict; no base is quite level, and what it leans, where no verdict
     names that, is in gravity."""
-    arm = best.design.shooting.arm
-    described, (_, covariance) = arm.parameters.described, best.posterior
-    found = {}
-    for k, c in enumerate(best.design.words.columns):
-        std, q = math.sqrt(covariance[k, k]) * c.unit, described[c.parameter]
-        if c.atom in best.atoms:
-            continue
-        if c.base and q.tolerance > 0:
-            found[c.parameter] = _estimate(best, q, c.index, std)
-        elif c.parameter in LEANS and best.design.words.atoms[c.atom].first:
-            leaned = float(best.design.point.p[c.index]) - q.nominal
-            stated = described[LEANS[c.parameter]]
-            found[stated.name] = {
-                "value": stated.nominal + leaned,
-                "std": std,
-                "unit": stated.unit,
-                "prior": c.spike * c.unit,
-            }
+    described, (_, covariance) = best.design.shooting.arm.parameters.described, best.posterior
+    places = {name: k for k, name in enumerate(described)}
+    free = [(k, c) for k, c in enumerate(best.design.words.columns) if c.atom not in best.atoms]
+    spread = {c.parameter: math.sqrt(covariance[k, k]) * c.unit for k, c in free if c.spike > SILENT}
+    found = {
+        c.parameter: _estimate(best, described[c.parameter], c.index, spread[c.parameter])
+        for _, c in free
+        if c.base and described[c.parameter].tolerance > 0
+    }
+    for c in (c for _, c in free if c.parameter in LEANS and c.parameter in spread):
+        gravity = described[LEANS[c.parameter]]
+        one = found.get(gravity.name) or _estimate(best, gravity, places[gravity.name], 0.0)
+        leaned = float(best.design.point.p[c.index]) - described[c.parameter].nominal
+        one |= {"value": one["value"] + leaned, "std": math.hypot(one["std"], spread[c.parameter])}
+        prior = gravity.tolerance * abs(gravity.nominal)
+        found[gravity.name] = one | {"prior": math.hypot(prior, c.spike * c.unit)}
     return found
 
 
