@@ -112,13 +112,12 @@ def applied(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
     notes = [f"unknown@{joint} has no equation: nothing is added for it." for joint in verdict.unknown]
     for name, value in verdict.base.items():
         q = described[name]
-        reach = max(REACH * q.tolerance * abs(q.nominal), LEVEL if name.startswith("gravity_") else 0.0)
+        reach, words = REACH * q.tolerance * abs(q.nominal), f"{REACH:g} times its tolerance of {100 * q.tolerance:g} %"
+        if name.startswith("gravity_") and reach < LEVEL:
+            reach, words = LEVEL, f"{LEVEL:g} {q.unit} that a base may lean"
         values[name] = min(max(value, q.nominal - reach), q.nominal + reach)
         if abs(values[name] - value) > 1e-9 * max(abs(q.nominal), abs(value)):
-            notes.append(
-                f"{name}: {value:.6g} {q.unit} lies farther from {q.nominal:.6g} than a base parameter within its "
-                f"tolerance may ({reach:.3g} {q.unit}) and is taken as {values[name]:.6g}."
-            )
+            notes.append(f"{name}: {value:.6g} {q.unit} lies beyond {words} and is taken as {values[name]:.6g}.")
     changed = Arm(arm.folder)
     changed.parameters.update(dict(arm.parameters))
     try:
