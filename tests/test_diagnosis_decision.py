@@ -23,6 +23,9 @@ PLACES = {
     "current_bias@2": "motor",
     "kinematic_error@1": "transmission",
     "encoder_eccentricity@1": "sensor",
+    "backlash@1": "transmission",
+    "contact@1": "link",
+    "link_flexibility@1": "link",
 }
 
 
@@ -34,6 +37,8 @@ PLACES = {
         ("thermal_friction@2", "current_bias@2", False),  # no friction
         ("kinematic_error@1", "encoder_eccentricity@1", True),
         ("kinematic_error@1", "position_dependent_friction@1", False),
+        ("backlash@1", "link_flexibility@1", True),
+        ("backlash@1", "contact@1", False),  # a wall mends no gear
     ],
 )
 def test_what_may_only_make_up_for_a_formula_must_bring_a_share(leader: str, companion: str, sort: bool) -> None:

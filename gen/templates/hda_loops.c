@@ -189,7 +189,8 @@ static void send(hda_loops *loops, double raw[][HDA_LOOPS_WIDEST], double later[
 
 void hda_loops_tick(hda_loops *loops, const double *reference, const double *push, const double *felt, const double *noise, const double *c,
                     const double *known, double *tip, double *sent) {
-    double seen[2 * HDA_N][HDA_LOOPS_WIDEST], at[2][HDA_LOOPS_WIDEST], measured[2 * HDA_N + 2][HDA_LOOPS_WIDEST];
+    double seen[2 * HDA_N][HDA_LOOPS_WIDEST] = {{0.0}}; /* gcc loses sight of what fills it where a vector has four lanes */
+    double at[2][HDA_LOOPS_WIDEST], measured[2 * HDA_N + 2][HDA_LOOPS_WIDEST];
     double raw[HDA_N][HDA_LOOPS_WIDEST], later[HDA_MEMORY_MOST][HDA_LOOPS_WIDEST], input[HDA_N][HDA_LOOPS_WIDEST];
     const double *s = loops->settings;
     const long now = loops->ticks % (HDA_LOOPS_LATE + 1), delay = (long)s[2];

@@ -221,8 +221,9 @@ def _less(
 
 def _alike(one: str, other: str, place: Mapping[str, str]) -> bool:
     """Whether both act between the encoders of the same joint, or are friction of the same motor: no machine has
-    exactly the formula of either."""
-    gear, friction = {place[n] in GEAR for n in (one, other)}, {"_friction@" in n for n in (one, other)}
+    exactly the formula of either. A wall is met beyond one angle alone, and mends no gear's formula."""
+    gear = {place[n] in GEAR and not n.startswith("contact@") for n in (one, other)}
+    friction = {"_friction@" in n for n in (one, other)}
     return one.partition("@")[2] == other.partition("@")[2] and {True} in (gear, friction)
 
 
