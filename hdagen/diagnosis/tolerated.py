@@ -35,9 +35,8 @@ def tolerated(
     mean, covariance = best.posterior
     clear: dict[int, float] = {}
     for k, c in enumerate(words.columns):
-        goes_along = (
-            c.atom < 0 or c.parameter in LEANS or described[c.parameter].tolerance > 0
-        )  # base parameters go with the verdict
+        # base parameters go with the verdict, and so does what the base leans
+        goes_along = c.atom < 0 or c.parameter in LEANS or described[c.parameter].tolerance > 0
         if not goes_along and words.atoms[c.atom].name not in best.names:
             told = abs(float(mean[k])) / math.sqrt(covariance[k, k])
             clear[c.atom] = max(told, clear.get(c.atom, CLEAR))
