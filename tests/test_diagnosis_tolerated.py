@@ -84,9 +84,8 @@ def test_what_a_base_leans_goes_with_any_verdict_that_does_not_name_it(build: Bu
     after = replay(arm, log, with_=said)
     assert after.gap == pytest.approx(true) and true < before.gap / 5
     assert not tolerated(fit, said, before, before, held, lambda changed: replay(changed, log))  # it is not listed, too
-    fit.design.point.p[
-        list(arm.parameters.described).index("gravity_y")
-    ] = -9.9  # where the file has a tolerance for it
+    place = list(arm.parameters.described).index("gravity_y")
+    fit.design.point.p[place] = -9.9  # where the file has a tolerance for it
     assert hypothetical(fit, ()).base["gravity_y"] == pytest.approx(SIZE * usual["y"] - 9.9)
     named = next(k for k, atom in enumerate(words.atoms) if atom.effect == "gravity_tilt")
     assert not {"gravity_x", "gravity_y"} & set(hypothetical(stands(arm, words, SIZE, 0.01, (named,)), ()).base)
