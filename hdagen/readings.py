@@ -109,6 +109,15 @@ def mechanical(arm: Arm) -> int:
     return 2 * (arm.n + len(arm.manifest["flexible"]))
 
 
+def memories(arm: Arm) -> list[int]:
+    """Places in p of the amplitudes of effects with states of their own: where all are 0, nothing of what was before
+    is remembered."""
+    names = list(arm.parameters.described)
+    remembering = [effect for effect in arm.manifest["effects"] if effect["states"]]
+    keys = {f"{key}_{j}" if j else key for e in remembering for j in e["joints"] for key in e["amplitudes"]}
+    return [k for k, name in enumerate(names) if name in keys]
+
+
 def limits(arm: Arm) -> Array:
     """How large each state (nx) may be: velocities a hundred times what the model is meant for, the others finite."""
     return np.array(

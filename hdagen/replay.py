@@ -20,7 +20,7 @@ from hdagen.channels import describe
 from hdagen.kalman import estimate
 from hdagen.log import Log, LogError, parts
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import Readings, Rows, encoder_noise, mechanical, within
+from hdagen.readings import Readings, Rows, encoder_noise, mechanical, memories, within
 
 WINDOW = 0.25  # s
 INPUTS = ("command", "measured")
@@ -204,9 +204,10 @@ def _predict(arm: Arm, log: Log, inputs: Array, starts: Rows) -> tuple[Array, li
         return states, ["Windows start at the logged positions and velocities.", *_stopped(stopped)]
     notes, states, stopped = _moves(log, readings), np.zeros((len(log), arm.nx)), 0
     lost = np.zeros(len(starts), bool)
-    if arm.nx > m:  # the effects' own states, as far as windows that begin where they were measured tell
+    remembers = bool(arm.p[memories(arm)].any())
+    if remembers:  # the effects' own states, as far as windows that begin where they were measured tell
         states, _ = _roll(arm, log, inputs, starts, begun, carry=True)
-    for _ in range(1 if arm.nx == m else 2):  # the second time the filters begin with the effects' states of the first
+    for _ in range(2 if remembers else 1):  # the second time the filters begin with the effects' states of the first
         if len(starts) > 1:
             found = estimate(arm, log, readings, inputs, starts[1:], states[:, m:])
             lost[1:] = np.isnan(found).any(1)

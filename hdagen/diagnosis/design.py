@@ -6,6 +6,7 @@ Legend: R rows that are looked at, M channels, C columns; θ parameters in usual
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -63,13 +64,22 @@ class Design:
 
     @cached_property
     def _products(self) -> Linear:
-        head = self.shooting.m + self.k
-        theta, edges = self.words.theta(self.point.p), self.edges
-        r = self.residual.reshape(-1) + theta @ self.columns[head:]
-        z = np.stack([self.columns[:, part] @ r[part] for part in self.parts])
-        record = self.shooting.record
-        told = np.add.reduceat(((record.noise / record.spread) ** 2).reshape(-1), edges[:-1])
-        return Linear(self.gram, z, np.add.reduceat(r**2, edges[:-1]), told, theta)
+        return self.linears([self.point], self.residual[None])[0]
+
+    def linears(self, points: Sequence[Point], residuals: Array) -> list[Linear]:
+        """`linear` in the same columns at other points with their ``residuals`` (B, R, M), all at once: each alone
+        would be a hundred small products."""
+        head, record = self.shooting.m + self.k, self.shooting.record
+        theta = np.stack([self.words.theta(point.p) for point in points])
+        r = residuals.reshape(len(points), -1) + theta @ self.columns[head:]
+        z = np.stack([r[:, part] @ self.columns[:, part].T for part in self.parts], 1)
+        begins = self.edges[:-1]
+        told = np.add.reduceat(((record.noise / record.spread) ** 2).reshape(-1), begins)
+        left = np.add.reduceat(r**2, begins, axis=1)
+        return [
+            Linear(self.gram, products, own, told, at, TEMPERATURE)
+            for products, own, at in zip(z, left, theta, strict=True)
+        ]
 
     @property
     def edges(self) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
 from hdagen.repair import prepared
 from hdagen.replay import Replay, check, replay
+from hdagen.together import together
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
@@ -61,12 +63,11 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
 
 def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], say: Callable[[str], None]) -> Diagnosis:
     say("model")
-    plain = load(robot)
+    plain, arm = together(lambda build: load(robot, *build), [("portable", ()), ("native", ("all",))])
     for log in (*logs, *hold_out):
         check(plain, log)
     logs, hold_out, of_data = prepared(plain, logs, hold_out)
     shown, held_out = parted(logs, hold_out)
-    arm = load(robot, "native", ("all",))
     window = max(WINDOW, FEWEST * shown.log.period)
     seen = record(arm, shown, window)
     found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
@@ -76,12 +77,15 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content = findings(found, decision)
     say("replay of held-out motion")
 
-    def counted(arm: Arm) -> Replay:
-        return _counted(replay(arm, held_out.log), seen)
+    def counted(arm: Arm, said: verdict.Verdict | None = None) -> Replay:
+        return _counted(replay(arm, held_out.log, with_=said), seen)
 
     before = counted(plain)
-    flexible = corrected(plain, shown, held_out, before)
-    changed, after = _stands(robot, plain, content, before, held_out, flexible, seen)
+    corrects = partial(corrected, plain, shown, held_out, before)
+    builds = partial(verdict.with_effects, robot, "portable", verdict.read(content))
+    makes: tuple[Callable[[], Any], ...] = (corrects, builds)
+    flexible, named = together(lambda make: make(), makes)
+    changed, after = _stands(plain, named, content, before, held_out, flexible, counted)
     say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
     content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)
@@ -95,25 +99,25 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
 
 
 def _stands(
-    robot: str | Path,
     plain: Arm,
+    named: Arm,
     content: dict[str, Any],
     before: Replay,
     held_out: Portion,
     flexible: Replay,
-    seen: Record,
+    counted: Callable[[Arm, verdict.Verdict], Replay],
 ) -> tuple[Arm, Replay]:
-    """The model with what stands up to other motion, and its replay; ``content`` is told. Base parameters that spoil a
-    verdict are withdrawn first, then the verdict; but that something unknown is at work says of no motion."""
+    """The model with what stands up to other motion, ``named`` with the verdict's effects or ``plain``, and its replay;
+    ``content`` is told. Base parameters that spoil a verdict are withdrawn first, then the verdict; but that something
+    unknown is at work says of no motion."""
     fitted: dict[str, Any] = content["parameters"]
     for base in (fitted, {}):
         content["parameters"] = base
         said = verdict.read(content)
-        changed = verdict.with_effects(robot, "portable", said)
-        after = _counted(replay(changed, held_out.log, with_=said), seen)
+        after = counted(named, said)
         content["gap"] = gap(before, after, held_out, flexible)
         if content["gap"]["before"] >= NOISE and content["gap"]["after"] < content["gap"]["before"]:
-            return changed, after
+            return named, after
     kept = content["verdict"] if said.unknown and content["gap"]["before"] >= NOISE else []
     content |= {"verdict": kept, "sure": False, "where": []}
     content["gap"] = gap(before, before, held_out, flexible)

@@ -17,7 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+from scipy.linalg import eigh
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from hdagen.diagnosis.bounds import Bounds, bounded
 from hdagen.diagnosis.candidates import SLAB, Dictionary
@@ -127,7 +128,7 @@ def laplace(
     N, b = summed.N / temperature, summed.b / temperature
     V = spike[:, None] * spike
     factor = _factor(N * V)
-    covariance = scipy.linalg.cho_solve(factor, np.eye(len(spike))) * V
+    covariance = dpotrs(factor, np.eye(len(spike)), lower=1)[0] * V
     mean = covariance @ b
     cost = (summed.log + max(summed.c - temperature * float(b @ mean), ROUNDED * abs(summed.c))) / temperature
     if bounds is not None:
@@ -136,20 +137,20 @@ def laplace(
         off = within - mean
         cost += max(float(off @ H @ off), ROUNDED * float(np.abs(off) @ np.abs(H) @ np.abs(off)))
         mean = within
-    widths = 2.0 * float(np.log(np.diagonal(factor[0])).sum())
+    widths = 2.0 * float(np.log(np.diagonal(factor)).sum())
     return Posterior(s, kappa2, mean, covariance, cost, -0.5 * (cost + widths))
 
 
-def _factor(M: Array) -> tuple[Array, bool]:
-    """Cholesky factor of M + 1. M is a product of columns with themselves: where one is so large, as a simulation flies
-    apart, that rounding makes it negative somewhere, it is 0 there."""
+def _factor(M: Array) -> Array:
+    """Cholesky factor (lower) of M + 1. M is a product of columns with themselves: where one is so large, as a
+    simulation flies apart, that rounding makes it negative somewhere, it is 0 there. LAPACK as it is: what checks and
+    wraps it takes several times as long for matrices of this size, thousands of times."""
     one = np.eye(len(M))
-    try:
-        factor, lower = scipy.linalg.cho_factor(M + one, lower=True)
-    except scipy.linalg.LinAlgError:
-        values, vectors = scipy.linalg.eigh(M)
-        factor, lower = scipy.linalg.cho_factor((vectors * np.maximum(values, 0.0)) @ vectors.T + one, lower=True)
-    return factor, lower
+    factor, failed = dpotrf(M + one, lower=1)
+    if failed:
+        values, vectors = eigh(M)
+        factor, failed = dpotrf((vectors * np.maximum(values, 0.0)) @ vectors.T + one, lower=1)
+    return np.asarray(factor)
 
 
 def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:

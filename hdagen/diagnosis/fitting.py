@@ -247,16 +247,16 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None
 
 def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
     """Standard deviations of θ (P) with the effects of a hypothesis free."""
-    return widths(at, at.words.free(atoms))
+    return widths(at, at.words.free(atoms), at.point)
 
 
-def widths(at: Design, free: NDArray[np.intp]) -> Array:
-    """Standard deviations of θ (P) with the columns ``free``: of a wall or a damper as wide as it is large, if that is
-    more than usual, as those come in all orders of magnitude."""
+def widths(at: Design, free: NDArray[np.intp], point: Point) -> Array:
+    """Standard deviations of θ (P) at ``point`` with the columns ``free``: of a wall or a damper as wide as it is
+    large, if that is more than usual, as those come in all orders of magnitude."""
     prior = at.words.spike
     described = list(at.shooting.arm.parameters.described.values())
     broad = np.array([described[at.words.columns[k].index].unit.endswith(BROAD) for k in free], bool)
-    prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(at.point.p)[free]), SLAB), SLAB)
+    prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(point.p)[free]), SLAB), SLAB)
     return prior
 
 

@@ -73,9 +73,9 @@ class Spectrum:
 def _less(products: Array, of: Array) -> Array:
     """``products`` (W, C, C) less ``of``'``of`` of each window (W, r, C): one after the other, as all of them at once
     would fill fresh memory twice."""
-    left = np.empty(products.shape)
+    left, told = np.empty(products.shape), np.empty(products.shape[1:])
     for out, whole, part in zip(left, products, of, strict=True):
-        np.subtract(whole, np.matmul(part.T, part, out=out), out=out)
+        np.subtract(whole, np.matmul(part.T, part, out=told), out=out)
     return left
 
 

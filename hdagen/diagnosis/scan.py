@@ -12,16 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.diagnosis.candidates import ORDER, Atom, Dictionary
-from hdagen.diagnosis.design import Design, Point, chosen
+from hdagen.diagnosis.design import Design, Point, chosen, residual
 from hdagen.diagnosis.evidence import Scored, settled
 from hdagen.diagnosis.fitting import widths
+from hdagen.diagnosis.linear import Linear
 from hdagen.diagnosis.starts import shared
-from hdagen.plant import Array
 from hdagen.together import together
 
 SIZES = (-2.0, -0.7, 0.7, 2.0)  # usual sizes
 SEEN = 0.1  # usual sizes of what was read off, from which it is tried
 TORQUES = (0.03, 1.0)  # sizes of unexplained torque
+AT_ONCE = 32  # points that are judged together
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +48,21 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
     ]
     seen = at.shooting.near(at.point.lane, [point.lane for _, point in tried])
 
-    def evidence(design: Design, atoms: tuple[int, ...]) -> float:
+    def evidence(point: Point, linear: Linear, atoms: tuple[int, ...]) -> float:
         amplitudes = {name for k in atoms for name in words.atoms[k].amplitudes}
         free = [i for i, c in enumerate(base.words.columns) if c.parameter in amplitudes and c.atom >= 0]
-        linear, prior = design.linear(), widths(design, np.array(free, int))
+        prior = widths(base, np.array(free, int), point)
         return max(settled(linear, prior, s).evidence for s in sizes)
 
-    def judged(one: tuple[tuple[int, Point], Array]) -> float:
-        (k, point), read = one
-        return evidence(base.seen(point, read), (*lead.atoms, k) if lead else ()) - none
+    def judged(some: slice) -> list[float]:
+        points = [point for _, point in tried[some]]
+        left = np.stack([residual(at.shooting, read) for read in seen[some]])
+        linears = zip(tried[some], base.linears(points, left), strict=True)
+        return [evidence(point, linear, (*lead.atoms, k) if lead else ()) - none for (k, point), linear in linears]
 
-    none = evidence(base, lead.atoms if lead else ())
-    gains = together(judged, zip(tried, seen, strict=True))
+    none = evidence(base.point, base.linear(), lead.atoms if lead else ())
+    parts = [slice(first, first + AT_ONCE) for first in range(0, len(tried), AT_ONCE)]
+    gains = [gain for part in together(judged, parts) for gain in part]
     found: dict[int, Start] = {}
     for (k, point), gain in zip(tried, gains, strict=True):
         if k not in found or gain > found[k].gain:

@@ -27,7 +27,7 @@ from hdagen import late
 from hdagen.diagnosis.asked import asked
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
-from hdagen.readings import Rows, joint_angles, limits, mechanical, unread
+from hdagen.readings import Rows, joint_angles, limits, mechanical, memories, unread
 from hdagen.together import THREADS, together
 from hdagen.torques import full_torsion, torque_per_input
 
@@ -144,9 +144,8 @@ class Shooting:
         self.acted: dict[bytes, tuple[Array, Array]] = {}
         effects = self.arm.manifest["effects"]
         self.staging = self._places(*(e for e in effects if e["place"] == "input"))
-        remembering = [e for e in effects if e["states"]]
-        self.remembering = self._places(*remembering)
-        self.loudness = self._places(*(e | {"shapes": []} for e in remembering))
+        self.remembering = self._places(*(e for e in effects if e["states"]))
+        self.loudness = memories(self.arm)
 
     def _carried(self) -> float:
         """The step, s, that carries the springs under what the record's motion asks for; the robot file's own was
