@@ -12,7 +12,7 @@ import pytest
 
 from hdagen.diagnosis import calibration
 from hdagen.diagnosis.candidates import Atom
-from hdagen.diagnosis.decide import FORM, RARE, Hypothesis, _decided, _less, _more, _strange, decide, sizes
+from hdagen.diagnosis.decide import BEHIND, FORM, RARE, Hypothesis, _less, _more, _strange, decide, decided, sizes
 from hdagen.diagnosis.shooting import Lane
 from hdagen.plant import Array
 
@@ -126,7 +126,12 @@ def test_a_size_that_no_step_came_to_does_not_count() -> None:
 def test_a_set_that_was_not_fitted_itself_is_as_large_as_where_it_stands(
     size: float, leaves: float, said: tuple[str, ...]
 ) -> None:
-    """A thermal friction that explains much beside a bias."""
+    assert decide(beside_a_bias(size, leaves)).verdict == said
+
+
+def beside_a_bias(size: float, leaves: float, alone: float | None = None) -> Any:
+    """A search that found a thermal friction that explains much beside a bias, and fitted it ``alone`` to that log
+    evidence, or not."""
     both = ("current_bias@2", "thermal_friction@2")
     fit = standing([size, -0.1], [size, -0.1])
     worth = {(): -60.0, (0,): 0.0, (1,): -58.0, (0, 1): -2.0}
@@ -134,13 +139,21 @@ def test_a_set_that_was_not_fitted_itself_is_as_large_as_where_it_stands(
     words = fit.design.words
     words.columns, words.spike = (), np.full(2, 0.05)
     none = Stands(**{**vars(fit), "names": (), "atoms": (), "lesser": [()], "evidence": lambda *_: -60.0})
-    for each in (fit, none):
+    own = Stands(**{**vars(fit), "names": both[1:], "atoms": (0,), "lesser": [(0,)], "evidence": lambda *_: alone})
+    fitted = (fit, none) if alone is None else (fit, own, none)
+    for each in fitted:
         each.temperature, each.excess, each.clean, each.reached = 12.0, 1.0, 0.0, -1.0 if each is fit else -60.0
         each.unexplained = np.array([leaves if each is fit else 4.0 * leaves, 0.0])
         each.score = SimpleNamespace(at=SimpleNamespace(level=1.0))
-    screened = [SimpleNamespace(atoms=(), evidence=-60.0)]
-    search: Any = SimpleNamespace(words=words, fitted=(fit, none), screened=screened)
-    assert decide(search).verdict == said
+    return SimpleNamespace(words=words, fitted=fitted, screened=[SimpleNamespace(atoms=(), evidence=-60.0)])
+
+
+@pytest.mark.parametrize(("alone", "done"), [(-1.0, True), (5.0, True), (1.0 - BEHIND, True), (-1.0 - BEHIND, False)])
+def test_a_fit_that_was_left_on_the_way_does_not_stand_for_its_set(alone: float, done: bool) -> None:
+    search = beside_a_bias(0.5, 0.0, alone)
+    found = decide(search)
+    assert found.verdict == ("thermal_friction@2",)
+    assert found.best is search.fitted[1 if done else 0]
 
 
 def test_what_is_too_small_is_not_in_the_set() -> None:
@@ -164,7 +177,7 @@ def test_what_is_too_small_is_not_in_the_set() -> None:
 def test_no_effect_is_named_where_none_is_in_doubt(probable: dict[str, float], said: tuple[str, ...]) -> None:
     fit: Any = "where it stands"
     given = [Hypothesis((name,) if name else (), p, None if "unknown" in name else fit) for name, p in probable.items()]
-    found = _decided(given, fit)
+    found = decided(given, fit)
     assert found.verdict == said
     assert found.stated == probable["".join(said)]
     assert next(h.probability for h in found.hypotheses if h.names == said) == found.probability

@@ -30,7 +30,8 @@ NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
 BEYOND = 2.0  # tolerances of the robot file, from which a base parameter off its value is an effect
 RARE = 2.576  # standard deviations, to which a robot file states a parameter, that one in a hundred is off by
 TOLD = 0.5  # of that standard deviation, to which the log must tell it
-BEHIND = 10.0  # of log evidence, by which the hypothesis that means it may be behind, as what is rare is less probable
+BEHIND = 10.0  # of log evidence, by which the hypothesis that means it may be behind, as what is rare is less probable,
+# and the fit of a set may be behind what that is worth elsewhere
 LEAST = 1e-12
 GEAR = ("transmission", "link", "sensor")
 FORM = 0.2  # of the gain of effects, that another one of their kind may bring which makes up for their formula
@@ -116,14 +117,16 @@ def decide(search: Search) -> Decision:
         fits.setdefault(fit.names, fit)
     temperature, excess = search.fitted[0].temperature, search.fitted[0].excess
     evidence: dict[tuple[str, ...], float] = {}
-    stands: dict[tuple[str, ...], Fitted] = {}  # each set in its own fit, else where it is worth most
+    stands: dict[tuple[str, ...], Fitted] = {}  # each set in its own fit if that is done, else where it is worth most
     for fit in search.fitted:
         atoms = fit.design.words.atoms
         for lesser in fit.lesser:
             names = tuple(sorted(atoms[k].name for k in lesser))
             if (worth := fit.evidence(temperature, lesser)) > evidence.get(names, -np.inf):
                 evidence[names], stands[names] = worth, fit
-    stands |= fits
+    # a fit that was left on the way tells nothing of its set, where that is worth more within another one
+    own = {names: fit for names, fit in fits.items() if fit.evidence(temperature, fit.atoms) > evidence[names] - BEHIND}
+    stands |= own
     linear = next(s.evidence for s in search.screened if not s.atoms)
     for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
         names = tuple(words.atoms[k].name for k in s.atoms)
@@ -149,14 +152,14 @@ def decide(search: Search) -> Decision:
     # what is too small to count tells nothing of a gap: where that leads, none leaves what the best does
     strange = _strange(left, fits[()] if order[0] else left)
     unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE else 0.0
-    hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), fits.get(names)) for names in order]
+    hypotheses = [Hypothesis(names, float((1 - unknown) * weight[names] / total), own.get(names)) for names in order]
     joint = int(np.argmax(left.unexplained)) + 1
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
-    return _decided(hypotheses, left)
+    return decided(hypotheses, left)
 
 
-def _decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
+def decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
     """What is said: the most probable hypothesis, and none where that is in doubt, with its probability as calibrated;
     the others share the rest as before."""
     known = [h for h in hypotheses if not h.unknown]

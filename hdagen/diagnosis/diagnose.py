@@ -23,6 +23,7 @@ from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.standing import stood
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
 from hdagen.log import Log, LogError
@@ -74,13 +75,14 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     decision = decide(found)
     if not decision.unknown and (refused := foreign(decision.best)):
         raise LogError([f"{logs[0].source}: {refused}"])
-    content = findings(found, decision)
     say("replay of held-out motion")
 
     def counted(arm: Arm, said: verdict.Verdict | None = None) -> Replay:
         return _counted(replay(arm, held_out.log, with_=said), seen)
 
     before = counted(plain)
+    decision = stood(decision, before, held_out, counted)
+    content = findings(found, decision)
     corrects = partial(corrected, plain, shown, held_out, before)
     builds = partial(verdict.with_effects, robot, "portable", verdict.read(content))
     makes: tuple[Callable[[], Any], ...] = (corrects, builds)

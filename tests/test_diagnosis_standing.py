@@ -1,0 +1,85 @@
+"""Whether a decision stands on held-out motion: what a whole model leaves of a joint's gap there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hdagen.diagnosis import standing
+from hdagen.diagnosis.decide import Decision, Hypothesis
+from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.standing import ABOVE, MOST, stood, worst
+from hdagen.log import Log
+from hdagen.replay import Replay
+
+NOISE = {f"{quantity}_{j}": 1e-3 for j in (1, 2) for quantity in ("motor_position", "joint_position", "motor_current")}
+ROWS = 1000
+LOG = Log(1e-3 * np.arange(ROWS), {name: np.zeros(ROWS) for name in NOISE}, 2, "test")
+HELD = Portion.whole(LOG)
+FAR = {"motor_position_1": 100.0, "joint_position_1": 400.0, "motor_position_2": 300.0, "joint_position_2": 300.0}
+
+
+def replay(multiples: Mapping[str, float]) -> Replay:
+    """Errors in multiples of the noise, 1 where none is given."""
+    errors = {name: multiples.get(name, 1.0) * noise for name, noise in NOISE.items()}
+    columns = {name: np.full(ROWS, error) for name, error in errors.items()}
+    return Replay(columns, np.zeros((ROWS, 1)), errors, NOISE, {}, np.arange(0, ROWS, 250), 0, ())
+
+
+def left(first: float, second: float) -> Replay:
+    """What `FAR` errs by, less at each joint."""
+    return replay({name: value * (first if name.endswith("1") else second) for name, value in FAR.items()})
+
+
+def decision(names: tuple[str, ...], probability: float) -> Decision:
+    fit: Any = "where it stands"
+    other = () if names else ("payload@2",)
+    hypotheses = (Hypothesis(names, probability, fit), Hypothesis(other, 1.0 - probability, fit))
+    return Decision(hypotheses, names, probability, probability, fit)
+
+
+def test_the_worst_joint_is_the_one_of_which_most_is_left() -> None:
+    assert worst(replay(FAR), left(0.1, 0.5), HELD) == (2, pytest.approx(0.5))
+    assert worst(replay(FAR), left(0.7, 0.5), HELD) == (1, pytest.approx(0.7))
+    mixed = replay(FAR | {"motor_position_1": 90.0, "joint_position_1": 40.0, "joint_position_2": 3.0})
+    assert worst(replay(FAR), mixed, HELD) == (1, pytest.approx(np.sqrt(0.9 * 0.1)))
+
+
+def test_what_is_left_within_a_few_times_the_noise_does_not_count() -> None:
+    near = dict.fromkeys(FAR, 0.9 * ABOVE)
+    assert worst(replay(dict.fromkeys(FAR, ABOVE)), replay(near), HELD) == (0, 0.0)
+    assert worst(replay({}), replay({}), HELD) == (0, 0.0)
+
+
+@pytest.mark.parametrize("names", [(), ("payload@2",)])
+@pytest.mark.parametrize(("first", "says"), [(0.02, False), (MOST - 0.01, False), (MOST + 0.01, True), (1.0, True)])
+def test_what_leaves_most_of_a_joints_gap_is_unknown_there(
+    names: tuple[str, ...], first: float, says: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
+    given = decision(names, 0.95)
+    found = stood(given, replay(FAR), HELD, lambda _: left(first, 0.1))
+    if not says:
+        assert found is given
+        return
+    assert found.verdict == ("unknown@1",) and not found.sure and found.best is given.best
+    assert 0.4 < found.probability < 0.9
+    assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
+    second = next(h for h in found.hypotheses if h.names == names)
+    other = next(h for h in found.hypotheses if h not in (second, found.hypotheses[0]))
+    assert second.probability == pytest.approx(19 * other.probability)  # as they were to each other
+
+
+def test_the_more_is_left_the_surer_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
+    given = decision((), 0.8)
+    sure = [stood(given, replay(FAR), HELD, lambda _, s=share: left(s, 0.1)).probability for share in (0.7, 0.8, 1.0)]
+    assert sure == sorted(sure) and sure[0] < sure[-1]
+
+
+def test_what_is_unknown_already_is_left_as_it_is() -> None:
+    given = decision(("unknown@2",), 0.7)
+    assert stood(given, replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) is given
