@@ -42,16 +42,20 @@ def decision(names: tuple[str, ...], probability: float) -> Decision:
 
 
 def test_the_worst_joint_is_the_one_of_which_most_is_left() -> None:
-    assert worst(replay(FAR), left(0.1, 0.5), HELD) == (2, pytest.approx(0.5))
-    assert worst(replay(FAR), left(0.7, 0.5), HELD) == (1, pytest.approx(0.7))
-    mixed = replay(FAR | {"motor_position_1": 90.0, "joint_position_1": 40.0, "joint_position_2": 3.0})
-    assert worst(replay(FAR), mixed, HELD) == (1, pytest.approx(np.sqrt(0.9 * 0.1)))
+    assert worst(replay(FAR), [left(0.1, 0.5)], HELD) == (2, pytest.approx(0.5))
+    assert worst(replay(FAR), [left(0.7, 0.5)], HELD) == (1, pytest.approx(0.7))
+    assert worst(replay(FAR), [left(0.7, 0.5), left(0.6, 0.9)], HELD) == (1, pytest.approx(0.6))  # joint 2: 0.5
+
+
+def test_an_encoder_that_is_explained_is_enough() -> None:
+    mixed = replay(FAR | {"motor_position_1": 101.0, "joint_position_1": 160.0, "joint_position_2": 3.0})
+    assert worst(replay(FAR), [mixed], HELD) == (1, pytest.approx(0.4))
 
 
 def test_what_is_left_within_a_few_times_the_noise_does_not_count() -> None:
     near = dict.fromkeys(FAR, 0.9 * ABOVE)
-    assert worst(replay(dict.fromkeys(FAR, ABOVE)), replay(near), HELD) == (0, 0.0)
-    assert worst(replay({}), replay({}), HELD) == (0, 0.0)
+    assert worst(replay(dict.fromkeys(FAR, ABOVE)), [replay(near)], HELD)[1] == 0.0
+    assert worst(replay({}), [replay({})], HELD)[1] == 0.0
 
 
 @pytest.mark.parametrize("names", [(), ("payload@2",)])
@@ -61,7 +65,8 @@ def test_what_leaves_most_of_a_joints_gap_is_unknown_there(
 ) -> None:
     monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
     given = decision(names, 0.95)
-    found = stood(given, replay(FAR), HELD, lambda _: left(first, 0.1))
+    found = stood(given, replay(FAR), left(1.0, 0.1), HELD, lambda _: left(first, 0.1))
+    assert stood(given, replay(FAR), left(first, 0.1), HELD, lambda _: left(1.0, 0.1)).verdict == found.verdict
     if not says:
         assert found is given
         return
@@ -76,10 +81,11 @@ def test_what_leaves_most_of_a_joints_gap_is_unknown_there(
 def test_the_more_is_left_the_surer_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
     given = decision((), 0.8)
-    sure = [stood(given, replay(FAR), HELD, lambda _, s=share: left(s, 0.1)).probability for share in (0.7, 0.8, 1.0)]
+    seen = [left(share, 0.1) for share in (0.7, 0.8, 1.0)]
+    sure = [stood(given, replay(FAR), one, HELD, lambda _, one=one: one).probability for one in seen]
     assert sure == sorted(sure) and sure[0] < sure[-1]
 
 
 def test_what_is_unknown_already_is_left_as_it_is() -> None:
     given = decision(("unknown@2",), 0.7)
-    assert stood(given, replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) is given
+    assert stood(given, replay(FAR), replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) is given

@@ -1,15 +1,14 @@
 """Whether what is said stands on motion that the fit did not see.
 
 A fit sees short windows that each begin anew. What acts at few places, or works slowly, hardly shows there, and a
-little of much that is tolerated stands in for it; elsewhere, and over longer windows, it does not. So the leading model
-replays the held-out motion with all that it has, what it names and what it tolerates: where most of a joint's gap
-stays, something is at work that no effect explains.
+little of much that is tolerated stands in for it; elsewhere, and over longer windows, it does not. So the verdict is
+looked at on the held-out motion, and the leading model with all that its fit has, what it names and what it tolerates:
+where both leave most of what every encoder of a joint errs by, something is at work that no effect explains.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from hdagen.diagnosis.decide import Decision, Hypothesis, decided
 from hdagen.diagnosis.gap import gap
@@ -17,17 +16,18 @@ from hdagen.diagnosis.portion import Portion
 from hdagen.plant import Arm
 from hdagen.replay import Replay
 
-MOST = 2 / 3  # of a joint's gap, that a model may leave: one that leaves more explains something else
+MOST = 2 / 3  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
 ABOVE = 10.0  # multiples of the noise, from which on what is left counts
 STEEPLY = 4.0  # power of what is left in the odds
 
 
-def stood(decision: Decision, before: Replay, held: Portion, seen: Callable[[Arm], Replay]) -> Decision:
-    """The decision, with something unknown said instead where its best fit leaves most of the gap of the replay
-    ``before`` in what is ``held`` out; ``seen``: the replay of that on an arm. Raises PlantError."""
+def stood(decision: Decision, before: Replay, after: Replay, held: Portion, seen: Callable[[Arm], Replay]) -> Decision:
+    """The decision, with something unknown said instead where its verdict, whose replay is ``after``, and all that its
+    best fit has leave most of the gap of the replay ``before`` in what is ``held`` out; ``seen``: the replay of that on
+    an arm. Raises PlantError."""
     if decision.unknown:
         return decision
-    joint, share = worst(before, seen(_whole(decision)), held)
+    joint, share = worst(before, (after, seen(_whole(decision))), held)
     if share <= MOST:
         return decision
     odds = (share / MOST) ** STEEPLY
@@ -46,16 +46,14 @@ def _whole(decision: Decision) -> Arm:
     return arm
 
 
-def worst(before: Replay, whole: Replay, held: Portion) -> tuple[int, float]:
-    """The joint whose encoders ``whole`` leaves the largest share of what ``before`` errs by, and the share: a
-    geometric mean over its channels; 0 where nothing is left that counts."""
-    by_joint: dict[int, list[dict[str, float]]] = {}
-    for name, one in gap(before, whole, held)["by_channel"].items():
-        quantity, _, j = name.rpartition("_")
-        if quantity.endswith("position"):
-            by_joint.setdefault(int(j), []).append(one)
-    shares = {0: 0.0}
-    for j, channels in by_joint.items():
-        left, was = (math.exp(sum(math.log(c[key]) for c in channels) / len(channels)) for key in ("after", "before"))
-        shares[j] = left / was if left > ABOVE else 0.0
-    return max(shares.items(), key=lambda one: one[1])
+def worst(before: Replay, tried: Sequence[Replay], held: Portion) -> tuple[int, float]:
+    """The joint of whose encoders' errors ``before`` the largest share is left, and the share: that of the encoder of
+    which least is left by the one of the replays ``tried`` that leaves least; 0 where nothing is left that counts."""
+    shares: dict[int, float] = {}
+    for one in tried:
+        for name, channel in gap(before, one, held)["by_channel"].items():
+            quantity, _, j = name.rpartition("_")
+            if quantity.endswith("position"):
+                share = channel["after"] / channel["before"] if channel["after"] > ABOVE else 0.0
+                shares[int(j)] = min(share, shares.get(int(j), share))
+    return max(shares.items(), key=lambda one: one[1], default=(0, 0.0))
