@@ -50,7 +50,8 @@ class Path:
     def before(self, q: Array, rate: Array, d: float) -> Array:
         """q (T) as it was ``d`` seconds before each row; by its series where no two rows of its path enclose that."""
         k, of, row = self._weights(d)
-        cubic = of[0] * q[k] + of[1] * rate[k] + of[2] * q[k + 1] + of[3] * rate[k + 1]
+        q, rate = np.ascontiguousarray(q), np.ascontiguousarray(rate)  # read four times
+        cubic = of[0] * q.take(k) + of[1] * rate.take(k) + of[2] * q.take(k + 1) + of[3] * rate.take(k + 1)
         k = np.minimum(row, len(self.time) - 2)
         slope = np.where(self.number[k + 1] == self.number[k], (rate[k + 1] - rate[k]) / self.step[k], 0.0)
         cubic[row] = q[row] - d * rate[row] + 0.5 * d**2 * slope

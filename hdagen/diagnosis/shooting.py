@@ -288,8 +288,8 @@ class Shooting:
     def _drive(self, seat: Seat, lane: Lane, rows: Rows | slice, inputs: Array) -> None:
         """What acts in a lane at which the seat's arm stands, into ``inputs`` (rows, nu)."""
         n = seat.arm.n
-        inputs[:, n:] = self.record.command[rows, n:]
-        inputs[:, :n] = self._acted(seat, lane.p)[0][rows]
+        inputs[:] = _rows(self.record.command, rows)
+        inputs[:, :n] = _rows(self._acted(seat, lane.p)[0], rows)
         if lane.torque is not None:
             inputs[:, :n] += lane.torque[rows] / self.gains
 
@@ -310,3 +310,8 @@ class Shooting:
         """The inverse of the mass matrix (T, n, n) where the arm was measured: what an impulse on the links does."""
         arm, q = self.arm, joint_angles(self.arm, self.record.log)
         return np.asarray(np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n)), float)
+
+
+def _rows(of: Array, rows: Rows | slice) -> Array:
+    """``of[rows]``: whole rows are taken several times as fast as by an index."""
+    return of[rows] if isinstance(rows, slice) else of.take(rows, 0)
