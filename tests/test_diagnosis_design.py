@@ -114,3 +114,25 @@ def test_a_window_on_the_wrong_side_begins_anew_where_the_encoders_say(shooting:
     again = fitting._freed(design(shooting, words, Point(p, found)).moved(Point(p, wrong)), 0.1).point.begun
     np.testing.assert_array_equal(again[lost], begun[lost])
     np.testing.assert_array_equal(np.delete(again, lost, 0), np.delete(found, lost, 0))
+
+
+def test_points_that_are_looked_at_together_are_what_each_is_alone(shooting: Shooting) -> None:
+    """Products of the columns with a residual as it would be at nominal parameters, window by window."""
+    arm = shooting.arm
+    words = dictionary(arm, suggested(arm, shooting.record)).base
+    at = design(shooting, words, Point(*shooting.begin()))
+    points = []
+    for k, c in enumerate(words.columns[:3]):
+        p = at.point.p.copy()
+        p[c.index] += (0.1 + k) * c.step * c.unit
+        points.append(Point(p, at.point.begun))
+    left = np.stack([residual(shooting, shooting.predict(Lane(point.p, point.begun))) for point in points])
+    for found, point, own in zip(at.linears(points, left), points, left, strict=True):
+        theta = words.theta(point.p)
+        nominal = own.reshape(-1) + theta @ at.columns[shooting.m + at.k :]
+        np.testing.assert_allclose(found.z.sum(0), at.columns @ nominal, rtol=1e-9, atol=1e-9 * abs(found.z).max())
+        np.testing.assert_allclose(found.r2, [nominal[part] @ nominal[part] for part in at.parts], rtol=1e-10)
+        np.testing.assert_array_equal(found.theta, theta)
+        alone = at.moved(point).linear()
+        np.testing.assert_allclose(found.z, alone.z, rtol=1e-9, atol=1e-9 * abs(alone.z).max())
+        np.testing.assert_array_equal(found.rows, alone.rows)
