@@ -11,7 +11,7 @@ import pytest
 from hdagen.diagnosis import standing
 from hdagen.diagnosis.decide import Decision, Hypothesis
 from hdagen.diagnosis.portion import Portion
-from hdagen.diagnosis.standing import ABOVE, MOST, stood, worst
+from hdagen.diagnosis.standing import ABOVE, MOST, _closes, doubted, worst
 from hdagen.log import Log
 from hdagen.replay import Replay
 
@@ -65,8 +65,8 @@ def test_what_leaves_most_of_a_joints_gap_is_unknown_there(
 ) -> None:
     monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
     given = decision(names, 0.95)
-    found = stood(given, replay(FAR), left(1.0, 0.1), HELD, lambda _: left(first, 0.1))
-    assert stood(given, replay(FAR), left(first, 0.1), HELD, lambda _: left(1.0, 0.1)).verdict == found.verdict
+    found = doubted(given, replay(FAR), left(1.0, 0.1), HELD, lambda _: left(first, 0.1))
+    assert doubted(given, replay(FAR), left(first, 0.1), HELD, lambda _: left(1.0, 0.1)).verdict == found.verdict
     if not says:
         assert found is given
         return
@@ -82,10 +82,27 @@ def test_the_more_is_left_the_surer_it_is(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
     given = decision((), 0.8)
     seen = [left(share, 0.1) for share in (0.7, 0.8, 1.0)]
-    sure = [stood(given, replay(FAR), one, HELD, lambda _, one=one: one).probability for one in seen]
+    sure = [doubted(given, replay(FAR), one, HELD, lambda _, one=one: one).probability for one in seen]
     assert sure == sorted(sure) and sure[0] < sure[-1]
 
 
 def test_what_is_unknown_already_is_left_as_it_is() -> None:
     given = decision(("unknown@2",), 0.7)
-    assert stood(given, replay(FAR), replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) is given
+    assert doubted(given, replay(FAR), replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) is given
+
+
+@pytest.mark.parametrize(
+    ("after", "interval", "unknown", "closes"),
+    [
+        (90.0, [-0.2, 0.4], (), True),
+        (110.0, [-0.2, 0.4], (), False),
+        (90.0, [-0.2, 0.4], (2,), False),  # what is unknown may have bent it
+        (90.0, [0.05, 0.2], (2,), True),
+        (90.0, None, (2,), True),  # too short for an interval
+        (110.0, None, (2,), False),
+    ],
+)
+def test_beside_something_unknown_a_gap_must_surely_be_smaller(
+    after: float, interval: list[float] | None, unknown: tuple[int, ...], closes: bool
+) -> None:
+    assert _closes({"before": 100.0, "after": after, "interval": interval}, unknown) is closes

@@ -15,7 +15,6 @@ from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.foreign import foreign
-from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.ladder import ladder
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.portion import SHARE, Portion, parted
@@ -23,7 +22,7 @@ from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.standing import stood
+from hdagen.diagnosis.standing import doubted, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
 from hdagen.log import Log, LogError
@@ -35,7 +34,6 @@ from hdagen.together import together
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
 BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
-NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +84,10 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     builds = partial(verdict.with_effects, robot, "portable", verdict.read(content))
     makes: tuple[Callable[[], Any], ...] = (corrects, builds)
     flexible, named = together(lambda make: make(), makes)
-    changed, after = _stands(plain, named, content, before, held_out, flexible, counted)
-    if (doubted := stood(decision, before, after, held_out, counted)) is not decision:
-        decision, content = doubted, findings(found, doubted)
-        changed, after = _stands(plain, plain, content, before, held_out, flexible, counted)
+    changed, after = stands(plain, named, content, before, held_out, flexible, counted)
+    if (other := doubted(decision, before, after, held_out, counted)) is not decision:
+        decision, content = other, findings(found, other)
+        changed, after = stands(plain, plain, content, before, held_out, flexible, counted)
     say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
     content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)
@@ -100,32 +98,6 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, sight)
-
-
-def _stands(
-    plain: Arm,
-    named: Arm,
-    content: dict[str, Any],
-    before: Replay,
-    held_out: Portion,
-    flexible: Replay,
-    counted: Callable[[Arm, verdict.Verdict], Replay],
-) -> tuple[Arm, Replay]:
-    """The model with what stands up to other motion, ``named`` with the verdict's effects or ``plain``, and its replay;
-    ``content`` is told. Base parameters that spoil a verdict are withdrawn first, then the verdict; but that something
-    unknown is at work says of no motion."""
-    fitted: dict[str, Any] = content["parameters"]
-    for base in (fitted, {}):
-        content["parameters"] = base
-        said = verdict.read(content)
-        after = counted(named, said)
-        content["gap"] = gap(before, after, held_out, flexible)
-        if content["gap"]["before"] >= NOISE and content["gap"]["after"] < content["gap"]["before"]:
-            return named, after
-    kept = content["verdict"] if said.unknown and content["gap"]["before"] >= NOISE else []
-    content |= {"verdict": kept, "sure": False, "where": []}
-    content["gap"] = gap(before, before, held_out, flexible)
-    return plain, before
 
 
 def _control(plain: Arm, changed: Arm, said: verdict.Verdict, log: Log) -> dict[str, Any] | None:

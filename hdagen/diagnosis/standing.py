@@ -9,7 +9,9 @@ where both leave most of what every encoder of a joint errs by, something is at 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
+from hdagen import verdict
 from hdagen.diagnosis.decide import Decision, Hypothesis, decided
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion
@@ -17,11 +19,47 @@ from hdagen.plant import Arm
 from hdagen.replay import Replay
 
 MOST = 2 / 3  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
+NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 ABOVE = 10.0  # multiples of the noise, from which on what is left counts
 STEEPLY = 4.0  # power of what is left in the odds
 
 
-def stood(decision: Decision, before: Replay, after: Replay, held: Portion, seen: Callable[[Arm], Replay]) -> Decision:
+def stands(
+    plain: Arm,
+    named: Arm,
+    content: dict[str, Any],
+    before: Replay,
+    held_out: Portion,
+    flexible: Replay,
+    counted: Callable[[Arm, verdict.Verdict], Replay],
+) -> tuple[Arm, Replay]:
+    """The model with what stands up to other motion, ``named`` with the verdict's effects or ``plain``, and its replay;
+    ``content`` is told. Base parameters that spoil a verdict are withdrawn first, then the verdict; but that something
+    unknown is at work says of no motion."""
+    fitted: dict[str, Any] = content["parameters"]
+    for base in (fitted, {}):
+        content["parameters"] = base
+        said = verdict.read(content)
+        after = counted(named, said)
+        content["gap"] = gap(before, after, held_out, flexible)
+        if content["gap"]["before"] >= NOISE and _closes(content["gap"], said.unknown):
+            return named, after
+    kept = content["verdict"] if said.unknown and content["gap"]["before"] >= NOISE else []
+    content |= {"verdict": kept, "sure": False, "where": []}
+    content["gap"] = gap(before, before, held_out, flexible)
+    return plain, before
+
+
+def _closes(gap: dict[str, Any], unknown: Sequence[int]) -> bool:
+    """Whether a gap is smaller after: beside something unknown, which bends what is fitted in its place, with all of
+    its interval."""
+    surely = gap["interval"][0] > 0.0 if unknown and gap["interval"] else True
+    return bool(gap["after"] < gap["before"] and surely)
+
+
+def doubted(
+    decision: Decision, before: Replay, after: Replay, held: Portion, seen: Callable[[Arm], Replay]
+) -> Decision:
     """The decision, with something unknown said instead where its verdict, whose replay is ``after``, and all that its
     best fit has leave most of the gap of the replay ``before`` in what is ``held`` out; ``seen``: the replay of that on
     an arm. Raises PlantError."""
