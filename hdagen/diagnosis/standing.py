@@ -50,11 +50,11 @@ def stands(
     return plain, before
 
 
-def _closes(gap: dict[str, Any], unknown: Sequence[int]) -> bool:
-    """Whether a gap is smaller after: beside something unknown, which bends what is fitted in its place, with all of
-    its interval."""
-    surely = gap["interval"][0] > 0.0 if unknown and gap["interval"] else True
-    return bool(gap["after"] < gap["before"] and surely)
+def _closes(told: dict[str, Any], unknown: Sequence[int]) -> bool:
+    """Whether a gap is smaller after, as `gap` has it: beside something unknown, which bends what is fitted in its
+    place, with all of its interval."""
+    surely = told["interval"][0] > 0.0 if unknown and told["interval"] else True
+    return bool(told["after"] < told["before"] and surely)
 
 
 def doubted(
