@@ -329,6 +329,17 @@ def test_heat_colours_the_cells_and_leaves_gaps() -> None:
     assert float(patches[0][0]) == 0.0 and "Empty cells hold no data." in drawn
 
 
+def test_the_numbers_of_a_key_never_lie_over_each_other() -> None:
+    for rows in (1, 2, 9):
+        cells = np.arange(1.0, 1.0 + 2 * rows).reshape(rows, 2) * 8
+        names = [f"row {k}" for k in range(rows)]
+        drawn = figure.heat("a", ["p", "q"], names, cells, x_label="x", y_label="y", value_label="cases")
+        key = re.search(r'width="14" [^>]*></rect>((?:<text [^>]*>[^<]*</text>)+)</g>', drawn)
+        assert key is not None
+        places = [float(y) for y in re.findall(r' y="([-\d.]+)"', key[1])]
+        assert len(places) >= 2 and min(-np.diff(places)) >= 12.0  # the font's size
+
+
 @pytest.mark.parametrize(
     "make, found",
     [

@@ -216,7 +216,10 @@ def _key(scale: Axis, stops: tuple[str, ...], x: float, height: float, font: flo
         )
         for at in range(SHADES)
     ]
+    free = np.inf  # above the last number; a map of one row has room for few
     for value, text in scale.ticks(6):
         y = height - float(scale.place(np.array([value]), height)[0])
-        parts.append(letters(x + 20, y + 0.35 * font, text, faint=True))
+        if y <= free:
+            parts.append(letters(x + 20, y + 0.35 * font, text, faint=True))
+            free = y - font
     return tag("g", *parts)
