@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,10 +113,14 @@ def mechanical(arm: Arm) -> int:
 def memories(arm: Arm) -> list[int]:
     """Places in p of the amplitudes of effects with states of their own: where all are 0, nothing of what was before
     is remembered."""
-    names = list(arm.parameters.described)
-    remembering = [effect for effect in arm.manifest["effects"] if effect["states"]]
-    keys = {f"{key}_{j}" if j else key for e in remembering for j in e["joints"] for key in e["amplitudes"]}
-    return [k for k, name in enumerate(names) if name in keys]
+    return places(arm, (effect for effect in arm.manifest["effects"] if effect["states"]), "amplitudes")
+
+
+def places(arm: Arm, effects: Iterable[Mapping[str, Any]], *roles: str) -> list[int]:
+    """Places in p of the parameters of ``effects``, as the manifest has them, of ``roles`` (amplitudes, shapes)."""
+    named = ((effect["joints"], key) for effect in effects for role in roles for key in effect[role])
+    keys = {f"{key}_{j}" if j else key for joints, key in named for j in joints}
+    return [k for k, name in enumerate(arm.parameters.described) if name in keys]
 
 
 def limits(arm: Arm) -> Array:

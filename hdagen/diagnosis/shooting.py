@@ -19,7 +19,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from queue import SimpleQueue
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from hdagen import late
 from hdagen.diagnosis.asked import asked
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
-from hdagen.readings import Rows, joint_angles, limits, mechanical, memories, unread
+from hdagen.readings import Rows, joint_angles, limits, mechanical, memories, places, unread
 from hdagen.together import THREADS, together
 from hdagen.torques import full_torsion, torque_per_input
 
@@ -142,9 +141,9 @@ class Shooting:
         self.gains = torque_per_input(self.arm)
         self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
         self.acted: dict[bytes, tuple[Array, Array]] = {}
-        effects = self.arm.manifest["effects"]
-        self.staging = self._places(*(e for e in effects if e["place"] == "input"))
-        self.remembering = self._places(*(e for e in effects if e["states"]))
+        effects, whole = self.arm.manifest["effects"], ("amplitudes", "shapes")
+        self.staging = places(self.arm, (e for e in effects if e["place"] == "input"), *whole)
+        self.remembering = places(self.arm, (e for e in effects if e["states"]), *whole)
         self.loudness = memories(self.arm)
 
     def _carried(self) -> float:
@@ -152,16 +151,6 @@ class Shooting:
         looked at by the build, and is short enough."""
         torque = np.abs(asked(self.arm, self.record).torque)
         return self.arm.carried.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
-
-    def _places(self, *effects: dict[str, Any]) -> list[int]:
-        """The places in p of the parameters of ``effects``."""
-        keys = {
-            f"{key}_{j}" if j else key
-            for effect in effects
-            for j in effect["joints"]
-            for key in (*effect["amplitudes"], *effect["shapes"])
-        }
-        return [k for k, name in enumerate(self.arm.parameters.described) if name in keys]
 
     def predict(self, lane: Lane) -> Array:
         """What the channels read (S, M) in one lane."""
