@@ -42,31 +42,45 @@ def decision(names: tuple[str, ...], probability: float) -> Decision:
 
 
 def test_the_worst_joint_is_the_one_of_which_most_is_left() -> None:
-    assert worst(replay(FAR), [left(0.1, 0.5)], HELD) == (2, pytest.approx(0.5))
-    assert worst(replay(FAR), [left(0.7, 0.5)], HELD) == (1, pytest.approx(0.7))
-    assert worst(replay(FAR), [left(0.7, 0.5), left(0.6, 0.9)], HELD) == (1, pytest.approx(0.6))  # joint 2: 0.5
+    assert worst(replay(FAR), left(0.1, 0.5), left(1.0, 1.0), HELD, ()) == (2, pytest.approx(0.5))
+    assert worst(replay(FAR), left(1.0, 1.0), left(0.7, 0.5), HELD, ()) == (1, pytest.approx(0.7))
+    assert worst(replay(FAR), left(0.7, 0.5), left(0.6, 0.9), HELD, ()) == (1, pytest.approx(0.6))  # joint 2: 0.5
+
+
+def test_at_a_joint_that_is_named_the_verdict_alone_must_close_something() -> None:
+    whole = left(0.2, 0.05)
+    assert worst(replay(FAR), left(0.95, 0.05), whole, HELD, {1}) == (1, pytest.approx(0.95))
+    assert worst(replay(FAR), left(0.85, 0.05), whole, HELD, {1}) == (1, pytest.approx(0.2))
+    assert worst(replay(FAR), left(0.95, 0.05), whole, HELD, {2}) == (1, pytest.approx(0.2))
+    assert worst(replay(FAR), left(0.95, 0.05), whole, HELD, {0}) == (1, pytest.approx(0.2))  # the whole robot
 
 
 def test_an_encoder_that_is_explained_is_enough() -> None:
     mixed = replay(FAR | {"motor_position_1": 101.0, "joint_position_1": 160.0, "joint_position_2": 3.0})
-    assert worst(replay(FAR), [mixed], HELD) == (1, pytest.approx(0.4))
+    assert worst(replay(FAR), mixed, mixed, HELD, {1}) == (1, pytest.approx(0.4))
+
+
+def test_a_torque_sensor_that_is_explained_is_enough_and_one_that_did_not_err_says_nothing() -> None:
+    erred, right = FAR | {"motor_current_1": 200.0}, FAR | {"motor_current_1": 2.0}
+    assert worst(replay(erred), replay(FAR | {"motor_current_1": 20.0}), replay(erred), HELD, {1})[0] == 2
+    assert worst(replay(right), replay(FAR | {"joint_position_2": 2.0}), replay(right), HELD, {1}) == (1, 1.0)
 
 
 def test_what_is_left_within_a_few_times_the_noise_does_not_count() -> None:
-    near = dict.fromkeys(FAR, 0.9 * ABOVE)
-    assert worst(replay(dict.fromkeys(FAR, ABOVE)), [replay(near)], HELD)[1] == 0.0
-    assert worst(replay({}), [replay({})], HELD)[1] == 0.0
+    near = replay(dict.fromkeys(FAR, 0.9 * ABOVE))
+    assert worst(replay(dict.fromkeys(FAR, ABOVE)), near, near, HELD, {1, 2})[1] == 0.0
+    assert worst(replay({}), replay({}), replay({}), HELD, {1, 2})[1] == 0.0
 
 
-@pytest.mark.parametrize("names", [(), ("payload@2",)])
 @pytest.mark.parametrize(("first", "says"), [(0.02, False), (MOST - 0.01, False), (MOST + 0.01, True), (1.0, True)])
+@pytest.mark.parametrize("names", [(), ("payload@2",)])
 def test_what_leaves_most_of_a_joints_gap_is_unknown_there(
     names: tuple[str, ...], first: float, says: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
     given = decision(names, 0.95)
-    found = doubted(given, replay(FAR), left(1.0, 0.1), HELD, lambda _: left(first, 0.1))
-    assert doubted(given, replay(FAR), left(first, 0.1), HELD, lambda _: left(1.0, 0.1)).verdict == found.verdict
+    found = doubted(given, names, replay(FAR), left(1.0, 0.1), HELD, lambda _: left(first, 0.1))
+    assert doubted(given, names, replay(FAR), left(first, 0.1), HELD, lambda _: left(1.0, 0.1)).verdict == found.verdict
     if not says:
         assert found is given
         return
@@ -82,13 +96,26 @@ def test_the_more_is_left_the_surer_it_is(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
     given = decision((), 0.8)
     seen = [left(share, 0.1) for share in (0.7, 0.8, 1.0)]
-    sure = [doubted(given, replay(FAR), one, HELD, lambda _, one=one: one).probability for one in seen]
+    sure = [doubted(given, (), replay(FAR), one, HELD, lambda _, one=one: one).probability for one in seen]
     assert sure == sorted(sure) and sure[0] < sure[-1]
+
+
+def test_a_verdict_that_closes_nothing_where_it_is_said_to_be_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the whole model does: much that is tolerated stands in for what is not known."""
+    monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
+    given = decision(("payload@2",), 0.95)
+
+    def seen(_: Any) -> Replay:
+        return left(0.1, 0.1)
+
+    assert doubted(given, given.verdict, replay(FAR), left(0.1, 1.0), HELD, seen).verdict == ("unknown@2",)
+    assert doubted(given, given.verdict, replay(FAR), left(1.0, 0.1), HELD, seen) is given
+    assert doubted(given, (), replay(FAR), replay(FAR), HELD, seen) is given  # none is said: it was withdrawn
 
 
 def test_what_is_unknown_already_is_left_as_it_is() -> None:
     given = decision(("unknown@2",), 0.7)
-    assert doubted(given, replay(FAR), replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) is given
+    assert doubted(given, (), replay(FAR), replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) is given
 
 
 @pytest.mark.parametrize(

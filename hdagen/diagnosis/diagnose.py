@@ -85,7 +85,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     makes: tuple[Callable[[], Any], ...] = (corrects, builds)
     flexible, named = together(lambda make: make(), makes)
     changed, after = stands(plain, named, content, before, held_out, flexible, counted)
-    if (other := doubted(decision, before, after, held_out, counted)) is not decision:
+    if (other := doubted(decision, content["verdict"], before, after, held_out, counted)) is not decision:
         decision, content = other, findings(found, other)
         changed, after = stands(plain, plain, content, before, held_out, flexible, counted)
     say("what is tolerated, and what else it may be")

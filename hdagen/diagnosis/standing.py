@@ -3,22 +3,25 @@
 A fit sees short windows that each begin anew. What acts at few places, or works slowly, hardly shows there, and a
 little of much that is tolerated stands in for it; elsewhere, and over longer windows, it does not. So the verdict is
 looked at on the held-out motion, and the leading model with all that its fit has, what it names and what it tolerates:
-where both leave most of what every encoder of a joint errs by, something is at work that no effect explains.
+where both leave most of what every encoder of a joint errs by, something is at work that no effect explains. And where
+an effect is named of a joint and the verdict closes next to nothing there: that a little of much else does is not what
+is said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from hdagen import verdict
 from hdagen.diagnosis.decide import Decision, Hypothesis, decided
-from hdagen.diagnosis.gap import gap
+from hdagen.diagnosis.gap import by_channel, gap
 from hdagen.diagnosis.portion import Portion
 from hdagen.plant import Arm
 from hdagen.replay import Replay
 
 MOST = 2 / 3  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
+NOTHING = 0.9  # of the same, from which on a verdict closes next to nothing
 NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 ABOVE = 10.0  # multiples of the noise, from which on what is left counts
 STEEPLY = 4.0  # power of what is left in the odds
@@ -58,14 +61,19 @@ def _closes(told: dict[str, Any], unknown: Sequence[int]) -> bool:
 
 
 def doubted(
-    decision: Decision, before: Replay, after: Replay, held: Portion, seen: Callable[[Arm], Replay]
+    decision: Decision,
+    said: Sequence[str],
+    before: Replay,
+    after: Replay,
+    held: Portion,
+    seen: Callable[[Arm], Replay],
 ) -> Decision:
-    """The decision, with something unknown said instead where its verdict, whose replay is ``after``, and all that its
-    best fit has leave most of the gap of the replay ``before`` in what is ``held`` out; ``seen``: the replay of that on
-    an arm. Raises PlantError."""
+    """The decision, with something unknown said instead where what was ``said`` of it, name@joint, whose replay is
+    ``after``, and all that its best fit has leave most of the gap of the replay ``before`` in what is ``held`` out;
+    ``seen``: the replay of that on an arm. Raises PlantError."""
     if decision.unknown:
         return decision
-    joint, share = worst(before, (after, seen(_whole(decision))), held)
+    joint, share = worst(before, after, seen(_whole(decision)), held, {int(name.partition("@")[2]) for name in said})
     if share <= MOST:
         return decision
     odds = (share / MOST) ** STEEPLY
@@ -84,14 +92,23 @@ def _whole(decision: Decision) -> Arm:
     return arm
 
 
-def worst(before: Replay, tried: Sequence[Replay], held: Portion) -> tuple[int, float]:
-    """The joint of whose encoders' errors ``before`` the largest share is left, and the share: that of the encoder of
-    which least is left by the one of the replays ``tried`` that leaves least; 0 where nothing is left that counts."""
-    shares: dict[int, float] = {}
-    for one in tried:
-        for name, channel in gap(before, one, held)["by_channel"].items():
-            quantity, _, j = name.rpartition("_")
-            if quantity.endswith("position"):
-                share = channel["after"] / channel["before"] if channel["after"] > ABOVE else 0.0
-                shares[int(j)] = min(share, shares.get(int(j), share))
+def worst(before: Replay, after: Replay, whole: Replay, held: Portion, named: Collection[int]) -> tuple[int, float]:
+    """The joint of whose errors ``before`` the largest share is left, and the share, 0 where nothing is left that
+    counts: what ``after`` or ``whole`` leaves, the less, but ``after`` where it closes next to nothing of a joint that
+    is ``named``."""
+    said, tolerating = (_left(before, one, held) for one in (after, whole))
+    alone = {j for j in named if said.get(j, 0.0) > NOTHING}
+    shares = {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
     return max(shares.items(), key=lambda one: one[1], default=(0, 0.0))
+
+
+def _left(before: Replay, after: Replay, held: Portion) -> dict[int, float]:
+    """The share that is left of the errors of each joint: of its encoders', and of its torque sensor's if that erred,
+    the smallest."""
+    shares: dict[int, float] = {}
+    for name, channel in by_channel(before, after, held).items():
+        quantity, _, j = name.rpartition("_")
+        if quantity.endswith("position") or channel["before"] > ABOVE:
+            share = channel["after"] / channel["before"] if channel["after"] > ABOVE else 0.0
+            shares[int(j)] = min(share, shares.get(int(j), share))
+    return shares
