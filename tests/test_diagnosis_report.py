@@ -86,6 +86,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "hypotheses": [{"effects": verdict, "probability": 0.9}, {"effects": ["backlash@2"], "probability": 0.1}],
         "parameters": {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in (base or {}).items()},
         "unseen": ["torque_constant@2"],
+        "doubted": None,
         "tolerated": [],
         "ladder": [
             {"model": "robot file", "effects": [], "probability": None, "gap": 20.0, "interval": [18.0, 22.0]},
@@ -368,6 +369,26 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
 def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp_path: Path) -> None:
     page = write(seen(arm, {}), arm, tmp_path / "report.html")
     assert "No effect above the size that counts was found" in page and "by what it goes with" in page
+
+
+@pytest.mark.parametrize(
+    ("verdict", "says"),
+    [
+        (
+            ["payload@2"],
+            ": of what is known payload on joint 2 tells most of the log, but leaves 95 % of what this joint",
+        ),
+        (
+            [],
+            ": the model that tells most of the log names none and leaves 95 % of what this joint errs by on held-out",
+        ),
+    ],
+)
+def test_what_did_not_stand_on_held_out_motion_is_said(arm: Arm, verdict: list[str], says: str) -> None:
+    said = seen(arm, {})[1] | {"verdict": ["unknown@2"], "sure": False}
+    assert sentence(said).startswith("Joint 2 misses something that no known effect explains; this is not sure.")
+    doubted = sentence(said | {"doubted": {"verdict": verdict, "joint": 2, "left": 0.95}})
+    assert doubted.startswith(f"Joint 2 misses something that no known effect explains{says}")
 
 
 def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) -> None:

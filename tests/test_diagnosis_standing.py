@@ -79,11 +79,13 @@ def test_what_leaves_most_of_a_joints_gap_is_unknown_there(
 ) -> None:
     monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
     given = decision(names, 0.95)
-    found = doubted(given, names, replay(FAR), left(1.0, 0.1), HELD, lambda _: left(first, 0.1))
-    assert doubted(given, names, replay(FAR), left(first, 0.1), HELD, lambda _: left(1.0, 0.1)).verdict == found.verdict
+    found, told = doubted(given, names, replay(FAR), left(1.0, 0.1), HELD, lambda _: left(first, 0.1))
+    same, _ = doubted(given, names, replay(FAR), left(first, 0.1), HELD, lambda _: left(1.0, 0.1))
+    assert same.verdict == found.verdict
     if not says:
-        assert found is given
+        assert found is given and told is None
         return
+    assert told == {"verdict": list(names), "joint": 1, "left": pytest.approx(first)}
     assert found.verdict == ("unknown@1",) and not found.sure and found.best is given.best
     assert 0.4 < found.probability < 0.9
     assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
@@ -96,7 +98,7 @@ def test_the_more_is_left_the_surer_it_is(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
     given = decision((), 0.8)
     seen = [left(share, 0.1) for share in (0.7, 0.8, 1.0)]
-    sure = [doubted(given, (), replay(FAR), one, HELD, lambda _, one=one: one).probability for one in seen]
+    sure = [doubted(given, (), replay(FAR), one, HELD, lambda _, one=one: one)[0].probability for one in seen]
     assert sure == sorted(sure) and sure[0] < sure[-1]
 
 
@@ -108,14 +110,17 @@ def test_a_verdict_that_closes_nothing_where_it_is_said_to_be_is_unknown(monkeyp
     def seen(_: Any) -> Replay:
         return left(0.1, 0.1)
 
-    assert doubted(given, given.verdict, replay(FAR), left(0.1, 1.0), HELD, seen).verdict == ("unknown@2",)
-    assert doubted(given, given.verdict, replay(FAR), left(1.0, 0.1), HELD, seen) is given
-    assert doubted(given, (), replay(FAR), replay(FAR), HELD, seen) is given  # none is said: it was withdrawn
+    assert doubted(given, given.verdict, replay(FAR), left(0.1, 1.0), HELD, seen)[0].verdict == ("unknown@2",)
+    assert doubted(given, given.verdict, replay(FAR), left(1.0, 0.1), HELD, seen) == (given, None)
+    assert doubted(given, (), replay(FAR), replay(FAR), HELD, seen) == (given, None)  # none is said: it was withdrawn
 
 
 def test_what_is_unknown_already_is_left_as_it_is() -> None:
     given = decision(("unknown@2",), 0.7)
-    assert doubted(given, (), replay(FAR), replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) is given
+    assert doubted(given, (), replay(FAR), replay(FAR), HELD, lambda _: pytest.fail("it was replayed")) == (
+        given,
+        None,
+    )
 
 
 @pytest.mark.parametrize(

@@ -85,9 +85,11 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     makes: tuple[Callable[[], Any], ...] = (corrects, builds)
     flexible, named = together(lambda make: make(), makes)
     changed, after = stands(plain, named, content, before, held_out, flexible, counted)
-    if (other := doubted(decision, content["verdict"], before, after, held_out, counted)) is not decision:
-        decision, content = other, findings(found, other)
+    decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
+    if doubt:
+        content = findings(found, decision)
         changed, after = stands(plain, plain, content, before, held_out, flexible, counted)
+    content["doubted"] = doubt
     say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
     content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)

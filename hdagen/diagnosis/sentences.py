@@ -22,7 +22,7 @@ def sentence(content: dict[str, Any]) -> str:
         what = _nothing(content)
     elif named[0].startswith("unknown"):
         joint = named[0].partition("@")[2]
-        what = f"Joint {joint} misses something that no known effect explains"
+        what = f"Joint {joint} misses something that no known effect explains{_though(content['doubted'])}"
     else:
         p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) == sorted(named)), None)
         each = " and ".join(words(entry) for entry in named)
@@ -62,6 +62,17 @@ def _nothing(content: dict[str, Any]) -> str:
     each = " and ".join(words(entry) for entry in first["effects"])
     p = first["probability"]
     return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
+
+
+def _though(doubted: dict[str, Any] | None) -> str:
+    """What would have been said, had it stood up to motion that the fit did not see."""
+    if doubted is None:
+        return ""
+    left = f"{100 * doubted['left']:.0f} % of what this joint errs by on held-out motion"
+    if not doubted["verdict"]:
+        return f": the model that tells most of the log names none and leaves {left}"
+    each = " and ".join(words(entry) for entry in doubted["verdict"])
+    return f": of what is known {each} tells most of the log, but leaves {left}"
 
 
 def _beside(gap: dict[str, Any]) -> str:

@@ -67,21 +67,23 @@ def doubted(
     after: Replay,
     held: Portion,
     seen: Callable[[Arm], Replay],
-) -> Decision:
+) -> tuple[Decision, dict[str, Any] | None]:
     """The decision, with something unknown said instead where what was ``said`` of it, name@joint, whose replay is
     ``after``, and all that its best fit has leave most of the gap of the replay ``before`` in what is ``held`` out;
-    ``seen``: the replay of that on an arm. Raises PlantError."""
+    ``seen``: the replay of that on an arm. And `doubted` of diagnosis.json: what would have been said, and what share
+    of a joint's errors is left. Raises PlantError."""
     if decision.unknown:
-        return decision
+        return decision, None
     joint, share = worst(before, after, seen(_whole(decision)), held, {int(name.partition("@")[2]) for name in said})
     if share <= MOST:
-        return decision
+        return decision, None
     odds = (share / MOST) ** STEEPLY
     unknown = odds / (1.0 + odds)
     known = [h for h in decision.hypotheses if not h.unknown]
     total = sum(h.probability for h in known)
     shared = [Hypothesis(h.names, (1.0 - unknown) * h.probability / total, h.fit) for h in known]
-    return decided([*shared, Hypothesis((f"unknown@{joint}",), unknown, None)], decision.best)
+    other = decided([*shared, Hypothesis((f"unknown@{joint}",), unknown, None)], decision.best)
+    return other, {"verdict": list(decision.verdict), "joint": joint, "left": share}
 
 
 def _whole(decision: Decision) -> Arm:
