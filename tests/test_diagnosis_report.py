@@ -75,7 +75,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
     for k, (entry, values) in enumerate(entries.items()):
         effect, _, joint = entry.partition("@")
         other = ["backlash@2"] if not k else []
-        parameters = {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in values.items()}
+        parameters = {name: {"value": v, "std": 0.01 * abs(v), "unit": "1", "end": None} for name, v in values.items()}
         causes.append({"effect": effect, "joint": int(joint), "probability": 0.9, "parameters": parameters})
         causes[-1] |= {"confounded_with": other, "separate_by": separators.separate_by(entry, other)}
     return {
@@ -84,7 +84,9 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "sure": True,
         "causes": causes,
         "hypotheses": [{"effects": verdict, "probability": 0.9}, {"effects": ["backlash@2"], "probability": 0.1}],
-        "parameters": {name: {"value": v, "std": 0.01 * abs(v), "unit": "1"} for name, v in (base or {}).items()},
+        "parameters": {
+            name: {"value": v, "std": 0.01 * abs(v), "unit": "1", "end": None} for name, v in (base or {}).items()
+        },
         "unseen": ["torque_constant@2"],
         "doubted": None,
         "tolerated": [],
@@ -389,6 +391,16 @@ def test_what_did_not_stand_on_held_out_motion_is_said(arm: Arm, verdict: list[s
     assert sentence(said).startswith("Joint 2 misses something that no known effect explains; this is not sure.")
     doubted = sentence(said | {"doubted": {"verdict": verdict, "joint": 2, "left": 0.95}})
     assert doubted.startswith(f"Joint 2 misses something that no known effect explains{says}")
+
+
+def test_a_parameter_at_the_end_of_its_range_is_said(arm: Arm, tmp_path: Path) -> None:
+    all_ = seen(arm, {"payload@2": {"payload_mass": 1.2}})
+    assert "the end of" not in sentence(all_[1]) and "at the end of its range" not in write(
+        all_, arm, tmp_path / "1.html"
+    )
+    all_[1]["causes"][0]["parameters"]["payload_mass"]["end"] = "high"
+    said = "At the end of what it may be: payload mass of payload on joint 2, 1.2. There may be more of it"
+    assert said in sentence(all_[1]) and "at the end of its range" in write(all_, arm, tmp_path / "2.html")
 
 
 def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) -> None:

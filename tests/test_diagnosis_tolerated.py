@@ -14,7 +14,7 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen import verdict
 from hdagen.diagnosis.candidates import Dictionary, dictionary
-from hdagen.diagnosis.findings import hypothetical
+from hdagen.diagnosis.findings import estimates, hypothetical
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.starts import Suggested
@@ -58,13 +58,27 @@ def test_what_is_tolerated_is_listed_by_what_it_closes(build: Builder) -> None:
     (one,) = found(stands(arm, words, SIZE, 0.01))  # the other joint's, which is not there, closes nothing
     assert (one["effect"], one["joint"], one["size"]) == ("cable_spring", 1, pytest.approx(SIZE))
     stiffness = one["parameters"]["cable_stiffness_1"]
-    assert stiffness == {"value": SIZE * usual, "std": pytest.approx(0.01 * usual), "unit": "N m/rad"}
+    assert stiffness == {"value": SIZE * usual, "std": pytest.approx(0.01 * usual), "unit": "N m/rad", "end": None}
     assert one["gap"] < (1 - WORTH) * gap(before, before, held)["after"] and one["gap"] < 1.2
     assert arm.parameters["cable_stiffness_1"] == 0.0  # the arm is as it was
     assert not found(stands(arm, words, SIZE, 0.05))  # not told
     assert not found(stands(arm, words, 0.0, 0.01))
     named = next(k for k, atom in enumerate(words.atoms) if atom.name == "cable_spring@1" and atom.first)
     assert not found(stands(arm, words, SIZE, 0.01, (named,)))  # the verdict has it
+
+
+def test_what_was_moved_to_an_end_of_its_range_is_told(build: Builder) -> None:
+    arm = Arm(build(FLEXIBLE, effects=EFFECTS).folder)
+    words = dictionary(arm, Suggested({}, {}, {})).focused(())
+    (atom,) = (k for k, atom in enumerate(words.atoms) if atom.name == "cable_spring@1" and atom.first)
+    spring = arm.parameters.described["cable_stiffness_1"]
+    ends = {}
+    for value in (spring.nominal, spring.low, 0.5 * spring.high, spring.high):
+        fit = stands(arm, words, 0.0, 0.01, (atom,))
+        fit.design.point.p[list(arm.parameters.described).index(spring.name)] = value
+        ends[value] = estimates(fit, atom)[spring.name]["end"]
+    assert spring.low == spring.nominal == 0.0  # no spring at all: nowhere to go, and nothing to say
+    assert ends == {0.0: None, 0.5 * spring.high: None, spring.high: "high"}
 
 
 def test_what_a_base_leans_goes_with_any_verdict_that_does_not_name_it(build: Builder) -> None:

@@ -16,6 +16,7 @@ from hdagen.diagnosis.told import Told
 from hdagen.plant import Parameter
 
 LEANS = {"tilt_x": "gravity_x", "tilt_y": "gravity_y"}  # what stands for a base that leans less than is named
+END = 1e-9  # of a parameter's range, within which it stands at an end of it
 LIKELY = 0.01  # probability from which another cause is named as confounded
 
 
@@ -130,4 +131,8 @@ def _base(best: Fitted) -> dict[str, Any]:
 
 
 def _estimate(fit: Fitted, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
-    return {"value": float(fit.design.point.p[place]), "std": std, "unit": parameter.unit}
+    """``end``: which end of its range it was moved to, if one; beyond it the fit cannot go."""
+    value, near = float(fit.design.point.p[place]), END * (parameter.high - parameter.low)
+    end = "low" if value - parameter.low <= near else "high" if parameter.high - value <= near else None
+    end = None if value == parameter.nominal else end
+    return {"value": value, "std": std, "unit": parameter.unit, "end": end}

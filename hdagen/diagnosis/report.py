@@ -262,7 +262,8 @@ def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float 
         said = "no width" if std is None else "–"
     else:
         said = "much" if told < TOLD[0] else "a little" if told < TOLD[1] else "nothing"
-    return [name, q.nominal, prior, estimate["value"], std, unit, told, said]
+    end = "; at the end of its range" if estimate["end"] else ""
+    return [name, q.nominal, prior, estimate["value"], std, unit, told, f"{said}{end}"]
 
 
 def _control(content: dict[str, Any]) -> list[Section]:

@@ -37,7 +37,7 @@ def sentence(content: dict[str, Any]) -> str:
         line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
     if gap["achievable"] is not None:
         line += _beside(gap)
-    return f"{line}.{_more(content)}"
+    return f"{line}.{_ends(content)}{_more(content)}"
 
 
 def _times(multiples: float) -> str:
@@ -51,6 +51,24 @@ def _more(content: dict[str, Any]) -> str:
         return ""
     what = words(f"{closer[0]['effect']}@{closer[0]['joint']}")
     return f" Within what is tolerated, {what} would bring it to {_times(closer[0]['gap'])}."
+
+
+def _ends(content: dict[str, Any]) -> str:
+    """Which parameters of the verdict's effects the fit could not move farther."""
+    at = [
+        f"{name.replace('_', ' ')} of {words(entry)}, {number(q['value'], 3)}{_unit(q)}"
+        for cause in content["causes"]
+        if (entry := f"{cause['effect']}@{cause['joint']}") in content["verdict"]
+        for name, q in cause["parameters"].items()
+        if q["end"]
+    ]
+    if not at:
+        return ""
+    return f" At the end of what it may be: {'; '.join(at)}. There may be more of it, or another effect."
+
+
+def _unit(q: dict[str, Any]) -> str:
+    return "" if q["unit"] == "1" else f" {q['unit']}"
 
 
 def _nothing(content: dict[str, Any]) -> str:
