@@ -81,6 +81,31 @@ def test_what_was_moved_to_an_end_of_its_range_is_told(build: Builder) -> None:
     assert ends == {0.0: None, 0.5 * spring.high: None, spring.high: "high"}
 
 
+@pytest.mark.parametrize(
+    ("above", "below", "there"),
+    [(30.0, 5.0, (30.0, 5.0)), (30.0, 1.9, (30.0, 0.0)), (0.5, 7.0, (0.0, 7.0)), (1.0, 1.5, (1.0, 1.5))],
+)
+def test_of_two_walls_the_one_that_the_log_does_not_tell_is_not_there(
+    above: float, below: float, there: tuple[float, float], build: Builder
+) -> None:
+    """In standard deviations; where it tells neither, the wall that is named is either."""
+    arm = Arm(build(FLEXIBLE, effects=("contact",)).folder)
+    words = dictionary(arm, Suggested({}, {}, {})).focused(())
+    (atom,) = (k for k, atom in enumerate(words.atoms) if atom.name == "contact@1" and atom.first)
+    std, places = 0.01, list(arm.parameters.described)
+    fit, sizes = stands(arm, words, 0.0, std, (atom,)), {"above": above, "below": below}
+    units = {}
+    for k, c in enumerate(words.columns):
+        if c.atom == atom:
+            side = c.parameter.split("_")[2]
+            fit.posterior[0][k], units[side] = std * sizes[side], c.unit
+            fit.design.point.p[places.index(c.parameter)] = std * sizes[side] * c.unit
+    found = estimates(fit, atom)
+    told = [found[f"contact_stiffness_{side}_1"]["value"] / (std * units[side]) for side in ("above", "below")]
+    assert told == pytest.approx(there)
+    assert found["contact_stiffness_above_1"]["std"] == pytest.approx(std * units["above"])
+
+
 def test_what_a_base_leans_goes_with_any_verdict_that_does_not_name_it(build: Builder) -> None:
     arm = Arm(build(FLEXIBLE, effects=("gravity_tilt",)).folder)
     words = dictionary(arm, Suggested({}, {}, {})).focused(())

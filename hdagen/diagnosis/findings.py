@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from hdagen import verdict
 from hdagen.diagnosis.candidates import PRESENT, SILENT
 from hdagen.diagnosis.decide import SURE, Decision
@@ -16,6 +18,7 @@ from hdagen.diagnosis.told import Told
 from hdagen.plant import Parameter
 
 LEANS = {"tilt_x": "gravity_x", "tilt_y": "gravity_y"}  # what stands for a base that leans less than is named
+SAID = 2.0  # standard deviations of one of several sizes of an effect, from which on it is there
 END = 1e-9  # of a parameter's range, within which it stands at an end of it
 LIKELY = 0.01  # probability from which another cause is named as confounded
 
@@ -92,12 +95,20 @@ def _cause(
 
 
 def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
-    """Value, std and unit of the sizes of an atom where a fit stands, and of its shapes, of which no std is known."""
+    """Value, std and unit of the sizes of an atom where a fit stands, and of its shapes, of which no std is known. Of
+    what is there in several ways the log may tell one and say nothing of another: that is not there, as what is at the
+    edge of this motion may be in the middle of the next."""
     words, described = fit.design.words, fit.design.shooting.arm.parameters.described
-    columns, (_, covariance) = words.columns, fit.posterior
-    spread = {columns[k].parameter: math.sqrt(covariance[k, k]) * columns[k].unit for k in words.free((atom,))}
+    columns, (mean, covariance) = words.columns, fit.posterior
+    free = words.free((atom,))
+    alone = 1.0 / np.sqrt(np.diagonal(np.linalg.inv(covariance))[free])  # std, all others being held
+    spread = {columns[k].parameter: math.sqrt(covariance[k, k]) * columns[k].unit for k in free}
     names = (*spread, *words.atoms[atom].shapes)
-    return {name: _estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names}
+    found = {name: _estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names}
+    silent = [columns[k] for k, std in zip(free, alone, strict=True) if abs(mean[k]) < SAID * std]
+    for column in silent if len(silent) < len(free) else ():
+        found[column.parameter] |= {"value": column.center, "end": None}
+    return found
 
 
 def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
