@@ -100,12 +100,13 @@ def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
     edge of this motion may be in the middle of the next."""
     words, described = fit.design.words, fit.design.shooting.arm.parameters.described
     columns, (mean, covariance) = words.columns, fit.posterior
-    free = words.free((atom,))
-    alone = 1.0 / np.sqrt(np.diagonal(np.linalg.inv(covariance))[free])  # std, all others being held
+    free, std = words.free((atom,)), np.sqrt(np.diagonal(covariance))
+    told = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where nothing else makes up for it
+    alone = (std / np.sqrt(np.maximum(told, 1.0)))[free]  # std, all others being held
     spread = {columns[k].parameter: math.sqrt(covariance[k, k]) * columns[k].unit for k in free}
     names = (*spread, *words.atoms[atom].shapes)
     found = {name: _estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names}
-    silent = [columns[k] for k, std in zip(free, alone, strict=True) if abs(mean[k]) < SAID * std]
+    silent = [columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < SAID * own]
     for column in silent if len(silent) < len(free) else ():
         found[column.parameter] |= {"value": column.center, "end": None}
     return found
