@@ -103,7 +103,7 @@ def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
     free, std = words.free((atom,)), np.sqrt(np.diagonal(covariance))
     told = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where nothing else makes up for it
     alone = (std / np.sqrt(np.maximum(told, 1.0)))[free]  # std, all others being held
-    spread = {columns[k].parameter: math.sqrt(covariance[k, k]) * columns[k].unit for k in free}
+    spread = {columns[k].parameter: float(std[k]) * columns[k].unit for k in free}
     names = (*spread, *words.atoms[atom].shapes)
     found = {name: _estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names}
     silent = [columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < SAID * own]

@@ -27,7 +27,7 @@ def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = 
     the same draws at each call. ``achievable`` is what the replay ``flexible`` reaches.
     """
     seen = (before, after) if flexible is None else (before, after, flexible)
-    squares, rows, _ = _compared(before, seen, held)
+    squares, rows, names = _compared(before, seen, held)
     each = np.sqrt(squares.sum(1) / rows.sum())
     joined = _joined(each)
     return {
@@ -37,14 +37,18 @@ def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = 
         "achievable": None if flexible is None else min(float(joined[2]), float(joined[0])),
         "shrink": _shrink(joined),
         "interval": _middle(s for s in map(_shrink, _draws(squares[:2], rows)) if s is not None),
-        "by_channel": by_channel(before, after, held),
+        "by_channel": _by_channel(each, names, before),
     }
 
 
 def by_channel(before: Replay, after: Replay, held: Portion) -> dict[str, dict[str, float]]:
     """What each channel errs by before and after, as a root mean square in multiples of its noise, and that noise."""
     squares, rows, names = _compared(before, (before, after), held)
-    each = np.sqrt(squares.sum(1) / rows.sum())
+    return _by_channel(np.sqrt(squares.sum(1) / rows.sum()), names, before)
+
+
+def _by_channel(each: Array, names: list[str], before: Replay) -> dict[str, dict[str, float]]:
+    """The same of errors (replays, channels), the first two being before and after."""
     return {
         name: {"before": float(each[0, k]), "after": float(each[1, k]), "noise": before.noise[name]}
         for k, name in enumerate(names)
