@@ -39,11 +39,12 @@ class Parameter:
     """A number of the model.
 
     ``typical``: of an amplitude, the difference from nominal with which the effect is usually met; from 15 % of it on
-    an effect counts as present. ``starts``: of a shape, the values from which a search starts, the nominal one first.
-    ``scale``: a key of the joint (or "1/key", "key/key"; "largest_input" is the bound of the joint's input) by whose
-    nominal ``typical``, or ``starts`` and nominal, are to be multiplied. ``sliding``: the unit at a prismatic joint,
-    where it is another; in ``unit`` "A" stands for N m where the input is torque. ``unless``: left out at drives that
-    have that key.
+    an effect counts as present. ``everywhere``: the size of which every machine has a little, where that is not
+    ``typical``. ``starts``: of a shape, the values from which a search starts, the nominal one first. ``scale``: a key
+    of the joint (or "1/key", "key/key"; "largest_input" is the bound of the joint's input) by whose nominal
+    ``typical`` and ``everywhere``, or ``starts`` and nominal, are to be multiplied. ``sliding``: the unit at a
+    prismatic joint, where it is another; in ``unit`` "A" stands for N m where the input is torque. ``unless``: left out
+    at drives that have that key.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Parameter:
     starts: tuple[float, ...] = ()
     sliding: str | None = None
     unless: str | None = None
+    everywhere: float | None = None
 
 
 @dataclass(frozen=True)

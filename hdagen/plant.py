@@ -43,8 +43,8 @@ class Parameter:
     """A parameter of the model; ``joint`` 0 is the whole arm.
 
     ``effect``: whose amplitude or shape it is, None for one that no effect is about; ``role``: "base" (a key of the
-    robot file), "amplitude" or "shape"; ``typical``: the difference from nominal that is usually met, in ``unit``;
-    ``starts``: of a shape, values from which a search starts.
+    robot file), "amplitude" or "shape"; ``typical``: the difference from nominal that is usually met, in ``unit``,
+    ``everywhere`` that of which every machine has a little; ``starts``: of a shape, values from which a search starts.
     """
 
     name: str
@@ -58,6 +58,7 @@ class Parameter:
     effect: str | None = None
     role: str = "base"
     typical: float | None = None
+    everywhere: float | None = None
     starts: tuple[float, ...] = ()
 
 

@@ -8,6 +8,8 @@ import casadi as ca
 
 from gen.effect import Effect, Parameter, Port, Signals
 
+SOFT = 3.0  # N m/rad: what no one put in the way of a joint is as soft as its cables
+
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """−k_a max(q − q_a, 0) (1 + c q̇)⁺ + k_b max(q_b − q, 0) (1 − c q̇)⁺: it damps and never holds back."""
@@ -32,6 +34,7 @@ EFFECT = Effect(
             "of what is met above an angle",
             typical=100.0,
             sliding="N/m",
+            everywhere=SOFT,
         ),
         Parameter(
             "contact_stiffness_below",
@@ -42,6 +45,7 @@ EFFECT = Effect(
             "of what is met below an angle",
             typical=100.0,
             sliding="N/m",
+            everywhere=SOFT,
         ),
         Parameter(
             "contact_above",

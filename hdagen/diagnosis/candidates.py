@@ -2,7 +2,7 @@
 
 Sizes are counted in what is usual: θ = (value − centre) / unit, the unit being the effect's typical size (which gen's
 effect states with a source). A base parameter that is no effect's has its tolerance as unit. No effect is ever exactly
-absent: its size is within a small share of the usual one (SHARES), or it is free (SLAB).
+absent: its size is within a small share of what every machine has of it (SHARES), or it is free (SLAB).
 
 Legend: an atom is an effect on a joint with its shape parameters at one of their starts.
 """
@@ -24,7 +24,7 @@ SHARES = 0.05, 0.025, 0.0125  # standard deviation of the size of an effect that
 TOLERATED = 3.0  # standard deviations that such an effect has at most: with more it is present
 SLAB = 1.0  # of one that is
 FELT = 0.3  # of that standard deviation, from which its shapes are fitted
-SILENT = 1e-3  # of an atom that is looked at only in its own hypothesis
+SILENT = 1e-4  # of an atom that is looked at only in its own hypothesis: below any share of any size
 PRESENT = 0.3  # size from which an effect counts as present
 NEAR = 0.1  # by which a parameter of a hypothesis is moved about where it stands
 STEP = 0.1  # by which a parameter is moved for its column: small, as what is not meant is; large sizes are scanned
@@ -73,7 +73,8 @@ class Atom:
 class Column:
     """A parameter to move: its place in p, where θ is 0, unit of θ, spike width in units, the atom whose amplitude it
     is (−1: none); ``base``: refitted in every hypothesis, as keys of the robot file and shapes of what is free are;
-    ``seen``: θ as read off the log before any fit (0: it is not)."""
+    ``seen``: θ as read off the log before any fit (0: it is not); ``everywhere``: θ of which every machine has a
+    share."""
 
     parameter: str
     index: int
@@ -84,6 +85,7 @@ class Column:
     base: bool
     step: float = STEP
     seen: float = 0.0
+    everywhere: float = 1.0
 
     @property
     def tolerated(self) -> float:
@@ -123,7 +125,7 @@ class Dictionary:
         """The same with what is not meant tolerated to another share."""
         wider = share**2 - self.share**2
         columns = tuple(
-            c if c.atom < 0 or c.spike <= SILENT else replace(c, spike=math.sqrt(c.spike**2 + wider))
+            c if c.atom < 0 or c.spike <= SILENT else replace(c, spike=math.sqrt(c.spike**2 + wider * c.everywhere**2))
             for c in self.columns
         )
         return replace(self, columns=columns, share=share)
@@ -233,7 +235,8 @@ def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, suggested:
     unit = suggested.units.get(name, float(q["typical"]))
     # an effect's own amplitude that cannot be 0 is absent at its lowest
     nominal = float(q["low"]) if not base and q["low"] > 0 else float(q["nominal"])
-    spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SHARES[0]) if first else SILENT
+    everywhere = float(q["everywhere"] / q["typical"])
+    spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SHARES[0] * everywhere) if first else SILENT
     step = suggested.sizes[name] / unit if name in suggested.sizes else STEP
     seen = (suggested.seen[name] - nominal) / unit if first and name in suggested.seen else 0.0
-    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen)
+    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen, everywhere)
