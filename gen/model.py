@@ -39,7 +39,7 @@ class Quantity:
     effect: str | None = None  # whose amplitude or shape it is
     role: str = "base"  # "base" a key of the robot file, "amplitude" or "shape" of an effect
     typical: float | None = None  # size of a difference from nominal that is usually met, in `unit`
-    everywhere: float | None = None  # that of which every machine has a little
+    everywhere: float | None = None  # that of which every machine has a little, where that is another
     starts: tuple[float, ...] = ()  # of a shape: values from which a search starts
 
 
@@ -122,20 +122,7 @@ class Model:
             typical = effect.sizes[key] * self.size(key, v.joint) if effect else None
             name = effect.name if effect else None
             found.append(
-                Quantity(
-                    v.name,
-                    v.joint,
-                    v.unit,
-                    v.nominal,
-                    low,
-                    high,
-                    v.tolerance,
-                    v.meaning,
-                    name,
-                    "base",
-                    typical,
-                    typical,
-                )
+                Quantity(v.name, v.joint, v.unit, v.nominal, low, high, v.tolerance, v.meaning, name, "base", typical)
             )
         stated = {(s.name, s.joint): s.parameters for s in self.robot.effects}
         for effect in self.effects:
@@ -152,7 +139,6 @@ class Model:
         name = f"{parameter.name}_{j}" if j else parameter.name
         nominal = parameter.nominal if stated is None else stated.nominal
         tolerance = 0.0 if stated is None else stated.tolerance
-        everywhere = parameter.typical if parameter.everywhere is None else parameter.everywhere
         unit, factor = parameter.unit, self._factor(parameter.scale, j)
         if stated is None and parameter.starts:
             nominal *= factor
@@ -172,7 +158,7 @@ class Model:
             effect.name,
             "amplitude" if parameter.name in effect.amplitudes else "shape",
             None if parameter.typical is None else parameter.typical * factor,
-            None if everywhere is None else everywhere * factor,
+            None if parameter.everywhere is None else parameter.everywhere * factor,
             tuple(start * factor for start in parameter.starts),
         )
 

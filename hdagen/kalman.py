@@ -15,13 +15,11 @@ motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.readings import BEYOND, Readings, Rows, complete, mechanical, senses, unread, within
+from hdagen.readings import BEYOND, Readings, Rows, complete, limits, mechanical, senses, unread
 from hdagen.together import together
 from hdagen.torques import full_torque, full_torsion
 
@@ -36,7 +34,8 @@ LINK = 0.1  # a link's extra torque as a share of its motor's, seen at the joint
 MEMORY = 0.1  # s, over which extra torque and error come and go
 BURN_IN = 1 / 3  # share of the horizon in which a filter is not judged: it still forgets how it was begun
 SLOPE = 8  # rows of the straight line that begins a filter
-TOGETHER = 64  # instants filtered at once
+TOGETHER = 16  # instants filtered at once, in a thread
+SHOWN = "motor_position", "motor_velocity", "joint_position", "joint_velocity"  # in the order of the compiled bank
 DOUBT = 0.2  # of a side of the gear that no channel shows: share of the torsion at full torque; 100 times that a second
 FREE = 6.0  # widths of the smooth sign from standstill, from where dry friction has no slope
 
@@ -52,18 +51,11 @@ def estimate(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Rows, 
 
     def filtered(part: slice) -> Array:
         at = rows[part]
-        span = min(back, int(at[0]))
         noise = np.stack([readings.noise_before(int(row)) for row in at])
-        return bank.run(log.time, inputs, at, span, noise, hidden[at - span])
+        first = np.maximum(at - back, 0)
+        return bank.run(log.time, inputs, first, at, noise, hidden[first])
 
-    return np.concatenate(together(filtered, _groups(rows, back)))
-
-
-def _groups(rows: Rows, back: int) -> Iterator[slice]:
-    """Rows that have a whole horizon before them together, the first ones each alone."""
-    whole = int(np.searchsorted(rows, back))
-    yield from (slice(k, k + 1) for k in range(whole))
-    yield from (slice(k, min(k + TOGETHER, len(rows))) for k in range(whole, len(rows), TOGETHER))
+    return np.concatenate(together(filtered, (slice(k, k + TOGETHER) for k in range(0, len(rows), TOGETHER))))
 
 
 class Bank:
@@ -76,7 +68,6 @@ class Bank:
         flexible, n = arm.manifest["flexible"], arm.n
         self.m, self.n = mechanical(arm), n
         self.sliding = [arm.index(f"{'motor' if j in flexible else 'joint'}_velocity_{j}") for j in range(1, n + 1)]
-        self.links = [(arm.index(f"joint_position_{j}"), arm.index(f"joint_velocity_{j}")) for j in flexible]
         self.doubly = [j for j in flexible if {("motor_position", j), ("joint_position", j)} <= set(readings.outputs)]
         self.D = self.m + n + len(flexible) + len(self.doubly)
         p = arm.parameters
@@ -112,35 +103,26 @@ class Bank:
         size = 1e-3 * np.array([slot["bound"] for slot in self.arm.manifest["state"]])[: self.m]
         for sign, rows in ((1, slice(0, self.m)), (-1, slice(self.m, None))):
             x[rows, : self.m] += sign * np.diag(size)
-        seen = self._seen(x, np.zeros(self.arm.nu))
+        outputs = self.arm.evaluate("outputs", x=x, u=np.zeros(self.arm.nu))
+        seen = np.stack([outputs[name][:, j - 1] for name, j in self.readings.outputs], 1)
         return np.asarray((seen[: self.m] - seen[self.m :]).T / (2 * size))
 
-    def _seen(self, x: Array, u: Array) -> Array:
-        """What the channels (M) show of states (R, nx) under ``u`` (nu)."""
-        seen = self.arm.evaluate("outputs", x=x, u=u)
-        return np.stack([seen[name][:, j - 1] for name, j in self.readings.outputs], 1)
-
-    def run(self, time: Array, inputs: Array, rows: Rows, span: int, noise: Array, hidden: Array) -> Array:
-        """The states (W, nx) at ``rows`` from the ``span`` rows before each, with ``noise`` (W, M) of the channels."""
-        arm, row = self.arm, rows - span
-        x, extra, P = self._begin(time, row, rows, noise)
+    def run(self, time: Array, inputs: Array, first: Rows, last: Rows, noise: Array, hidden: Array) -> Array:
+        """The states (W, nx) at the rows ``last`` from the rows ``first`` on, with ``noise`` (W, M) of the channels;
+        ``hidden``: the effects' own states at ``first``."""
+        arm, s = self.arm, self.readings
+        x, extra, P = self._begin(time, first, last, noise)
         x[..., self.m :] = hidden[:, None]
-        begun, score, told = x.copy(), np.zeros(x.shape[:2]), np.zeros(x.shape[:2])
-        with np.errstate(over="ignore", invalid="ignore"):  # a filter that is lost is caught below
-            for k in range(1, span + 1):
-                self._advance(x, extra, P, inputs[row], time[row + 1] - time[row], told.argmax(1))
-                doubt = np.sqrt(np.abs(P[..., range(self.m), range(self.m)]))
-                lost = ~(within(arm, x) & (doubt < self.vague).all(-1))
-                score[lost], x[lost], extra[lost], P[lost] = -np.inf, begun[lost], 0.0, 0.0
-                row = row + 1
-                likely = self._correct(x, extra, P, inputs[row], self.readings.measured[row], noise**2)
-                likely[lost | ~np.isfinite(likely)] = -np.inf
-                told += likely
-                if k > BURN_IN * span:
-                    score += likely
-        chosen = x[np.arange(len(rows)), score.argmax(1)]
-        chosen[np.isneginf(score.max(1)) | ~np.isfinite(chosen).all(1)] = np.nan
-        return chosen
+        places = [SHOWN.index(name) * self.n + j - 1 for name, j in s.outputs]
+        places += [j - 1 for j in arm.manifest["flexible"]]
+        ratios = [arm.parameters[f"ratio_{j}"] for j in range(1, self.n + 1)]
+        settings = [MEMORY, BURN_IN, arm.stable_step, *limits(arm), *self.vague, *self.free, *ratios, *self.twist]
+        found = np.empty((len(last), arm.nx))
+        arm.module.filters(
+            *(x, extra, P, np.stack([first, last], 1).astype(np.int32), inputs, time, arm.c, s.measured, noise**2),
+            *(self.read, np.array(places, np.int32), self.extra, np.array(settings), found),
+        )
+        return found
 
     def _begin(self, time: Array, row: Rows, last: Rows, noise: Array) -> tuple[Array, Array, Array]:
         """State (W, L, nx), extra (W, L, D − m) and covariance (W, L, D, D) at ``row``; no row after ``last`` is
@@ -188,73 +170,3 @@ class Bank:
                 known.add(rate)
         joints = [j for j in s.encoders() if self.arm.index(f"joint_position_{j}") not in ignored]
         return complete(self.arm, unread(self.arm, x, joints), known), P
-
-    def _advance(self, x: Array, extra: Array, P: Array, u: Array, dt: Array, best: Array) -> None:
-        """All filters from one row to the next, ``dt`` (W) later, in place; linearised where the ``best`` (W) filter
-        is."""
-        arm, (W, L) = self.arm, x.shape[:2]
-        steps = arm.steps_in(float(dt.max()))
-        h = dt / steps
-        F = np.linalg.matrix_power(self._transition(x[np.arange(W), best], u, h), steps)
-        fade = np.exp(-dt / MEMORY)[:, None, None]
-        F[:, self.m :, self.m :] *= fade
-        held = np.repeat(u[:, None], L, 1)
-        held[..., : self.n] += extra[..., : self.n]
-        held = held.reshape(W * L, arm.nu)
-        now, then = np.ascontiguousarray(x.reshape(W * L, arm.nx)), np.empty((W * L, arm.nx))
-        each = np.ascontiguousarray(np.repeat(h, L)[:, None])
-        for _ in range(steps):
-            arm.module.map("step_exact", W * L, now, held, arm.c, each, then)
-            now, then = then, now
-        x[:] = now.reshape(x.shape)
-        for k, (position, velocity) in enumerate(self.links, self.n):
-            push = extra[..., k] * dt[:, None]
-            x[..., velocity] += push
-            x[..., position] += 0.5 * push * dt[:, None]
-        extra *= fade
-        P[:] = F[:, None] @ P @ F[:, None].swapaxes(-1, -2)
-        spread = range(self.m, self.D)
-        P[:, :, spread, spread] += self.extra**2 * (1 - fade**2)
-
-    def _transition(self, x: Array, u: Array, h: Array) -> Array:
-        """Derivative of a filter's state after ``h`` by that before (W, D, D), to the order of RK4."""
-        arm, m, n = self.arm, self.m, self.n
-        at = x.copy()
-        speed = at[:, self.sliding]
-        at[:, self.sliding] = np.where(np.abs(speed) < self.free, np.copysign(self.free, speed), speed)
-        for j in arm.manifest["flexible"]:  # beyond full torque the law is stiffer than the step may bear
-            motor, joint, ratio = (
-                arm.index(f"motor_position_{j}"),
-                arm.index(f"joint_position_{j}"),
-                arm.parameters[f"ratio_{j}"],
-            )
-            torsion = at[:, motor] / ratio - at[:, joint]
-            at[:, joint] += torsion - np.clip(torsion, -self.twist[j - 1], self.twist[j - 1])
-        found = arm.evaluate("rhs_jacobian", x=at, u=u)
-        G = np.zeros((len(x), self.D, self.D))
-        G[:, :m, :m] = found["by_x"].reshape(-1, arm.nx, arm.nx).swapaxes(1, 2)[:, :m, :m]
-        G[:, :m, m : m + n] = found["by_u"].reshape(-1, arm.nu, arm.nx).swapaxes(1, 2)[:, :m, :n]
-        for k, (_, velocity) in enumerate(self.links, m + n):
-            G[:, velocity, k] = 1.0
-        G *= h[:, None, None]
-        G2 = G @ G
-        return np.eye(self.D) + G + G2 / 2 + G2 @ (G / 6 + G2 / 24)
-
-    def _correct(self, x: Array, extra: Array, P: Array, u: Array, measured: Array, variance: Array) -> Array:
-        """All filters by what a row (W, M) under ``u`` (W, nu) shows, in place; the log-likelihood (W, L) of having
-        seen it."""
-        W, L = x.shape[:2]
-        expected = self._seen(x.reshape(W * L, -1), np.repeat(u, L, 0)).reshape(W, L, -1)
-        error = measured[:, None] - expected - extra @ self.read[:, self.m :].T
-        PH = P @ self.read.T
-        S = self.read @ PH
-        diagonal = range(S.shape[-1])
-        S[..., diagonal, diagonal] += variance[:, None]
-        inverse = np.linalg.inv(S)
-        gain = PH @ inverse
-        change = (gain @ error[..., None])[..., 0]
-        x[..., : self.m] += change[..., : self.m]
-        extra += change[..., self.m :]
-        P -= gain @ PH.swapaxes(-1, -2)
-        P[:] = 0.5 * (P + P.swapaxes(-1, -2))
-        return -0.5 * (np.einsum("wlm,wlmk,wlk->wl", error, inverse, error) + np.linalg.slogdet(S)[1])

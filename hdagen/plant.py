@@ -44,7 +44,8 @@ class Parameter:
 
     ``effect``: whose amplitude or shape it is, None for one that no effect is about; ``role``: "base" (a key of the
     robot file), "amplitude" or "shape"; ``typical``: the difference from nominal that is usually met, in ``unit``,
-    ``everywhere`` that of which every machine has a little; ``starts``: of a shape, values from which a search starts.
+    ``everywhere`` that of which every machine has a little, where that is another; ``starts``: of a shape, values from
+    which a search starts.
     """
 
     name: str

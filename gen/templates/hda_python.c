@@ -1,83 +1,17 @@
 /* The compiled model as a Python module, over the stable ABI.
  *
- * The dozen declarations of the stable ABI that are used stand here, so that building needs no Python headers; their layout is
- * fixed by PEP 384 and the list of the stable ABI (Py_buffer since 3.11). bind() checks every buffer once; run() only calls.
+ * bind() checks every buffer once; run() only calls.
  */
 #include "hda.h"
+#include "hda_abi.h"
+#include "hda_filters.h"
 
 #include <limits.h>
-#include <stddef.h>
 #include <string.h>
 
 #include "hda_table.h"
 
-typedef ptrdiff_t Py_ssize_t;
-typedef struct object {
-    Py_ssize_t references;
-    void *type;
-} PyObject;
-typedef struct {
-    void *buf;
-    PyObject *obj;
-    Py_ssize_t len, itemsize;
-    int readonly, ndim;
-    char *format;
-    Py_ssize_t *shape, *strides, *suboffsets;
-    void *internal;
-} Py_buffer;
-typedef struct {
-    const char *name;
-    void (*method)(void);
-    int flags;
-    const char *doc;
-} PyMethodDef;
-typedef struct {
-    int slot;
-    void *value;
-} Slot;
-typedef struct {
-    const char *name;
-    int basicsize, itemsize;
-    unsigned int flags;
-    Slot *slots;
-} PyType_Spec;
-typedef struct {
-    PyObject head;
-    PyObject *(*init)(void);
-    Py_ssize_t index;
-    PyObject *copy;
-    const char *name, *doc;
-    Py_ssize_t size;
-    PyMethodDef *methods;
-    Slot *slots;
-    void *traverse, *clear, *free;
-} PyModuleDef;
-
-enum { WRITABLE = 1, FORMAT = 4, C_CONTIGUOUS = 0x38, NOARGS = 4, FASTCALL = 0x80, TP_DEALLOC = 52, TP_DOC = 56, TP_METHODS = 64, MOD_EXEC = 2, MOST = 24 };
-
-extern PyObject _Py_NoneStruct;
-extern PyObject *PyExc_ValueError, *PyExc_TypeError, *PyExc_MemoryError;
-extern int PyObject_GetBuffer(PyObject *, Py_buffer *, int);
-extern void PyBuffer_Release(Py_buffer *);
-extern void PyErr_SetString(PyObject *, const char *);
-extern PyObject *PyErr_Format(PyObject *, const char *, ...);
-extern PyObject *PyErr_Occurred(void);
-extern void PyErr_Clear(void);
-extern void Py_IncRef(PyObject *);
-extern void Py_DecRef(PyObject *);
-extern const char *PyUnicode_AsUTF8AndSize(PyObject *, Py_ssize_t *);
-extern long PyLong_AsLong(PyObject *);
-extern PyObject *PyLong_FromLong(long);
-extern double PyFloat_AsDouble(PyObject *);
-extern PyObject *PyUnicode_FromString(const char *);
-extern PyObject *PyType_FromSpec(PyType_Spec *);
-extern PyObject *PyType_GenericAlloc(PyObject *, Py_ssize_t);
-extern void PyObject_Free(void *);
-extern PyObject *PyModuleDef_Init(PyModuleDef *);
-extern int PyModule_AddObjectRef(PyObject *, const char *, PyObject *);
-extern void *PyModule_GetState(PyObject *);
-extern void *PyEval_SaveThread(void);
-extern void PyEval_RestoreThread(void *);
+enum { MOST = 24 }; /* arrays of a function */
 
 static PyObject *none(void) {
     Py_IncRef(&_Py_NoneStruct);
@@ -323,6 +257,69 @@ static PyObject *windows(PyObject *module, PyObject *const *args, Py_ssize_t cou
     return none();
 }
 
+/* filters(begun, extra, covariance, spans, u, time, c, measured, variance, read, places, spread, settings, found): the bank over each
+ * of the spans (first row, last row); places: what the channels show, then the flexible joints; settings: those of hda_bank */
+static PyObject *filters(PyObject *module, PyObject *const *args, Py_ssize_t count) {
+    (void)module;
+    if (count != 14) {
+        PyErr_SetString(PyExc_TypeError, "filters takes (begun, extra, covariance, spans, u, time, c, measured, variance, read, places, spread, settings, found)");
+        return NULL;
+    }
+    long sizes[4]; /* spans, rows, places, spread: in bytes */
+    const int sized[4] = {3, 5, 10, 11};
+    for (int k = 0; k < 4; k++) {
+        Py_buffer view;
+        if (PyObject_GetBuffer(args[sized[k]], &view, C_CONTIGUOUS | FORMAT) < 0) return NULL;
+        sizes[k] = (long)view.len;
+        PyBuffer_Release(&view);
+    }
+    const long many = sizes[0] / 8, rows = sizes[1] / 8, M = sizes[2] / 4 - HDA_FLEXIBLE, E = sizes[3] / 8 / HDA_FILTERS, D = HDA_MECHANICAL + E;
+    if (many < 1 || rows < 2 || M < 1 || M > HDA_CHANNELS_MOST || E < HDA_EXTRA_LEAST || E > HDA_EXTRA_MOST) {
+        PyErr_SetString(PyExc_ValueError, "filters: a span, two rows and a channel at least, and the extra torques of this arm");
+        return NULL;
+    }
+    hda_entry e = {"filters", 14, NULL, {
+        {"begun", 'd', many * HDA_FILTERS * HDA_NX, 0},
+        {"extra", 'd', many * HDA_FILTERS * E, 0},
+        {"covariance", 'd', many * HDA_FILTERS * D * D, 0},
+        {"spans", 'i', many * 2, 0},
+        {"u", 'd', rows * HDA_NU, 0},
+        {"time", 'd', rows, 0},
+        {"c", 'd', HDA_NC, 0},
+        {"measured", 'd', rows * M, 0},
+        {"variance", 'd', many * M, 0},
+        {"read", 'd', M * D, 0},
+        {"places", 'i', M + HDA_FLEXIBLE, 0},
+        {"spread", 'd', HDA_FILTERS * E, 0},
+        {"settings", 'd', HDA_BANK_REAL, 0},
+        {"found", 'd', many * HDA_NX, 1},
+    }};
+    Py_buffer views[MOST];
+    void *at[MOST];
+    Py_ssize_t stride[MOST];
+    if (!take(&e, args, 14, 1, views, at, stride)) return NULL;
+    const int *spans = at[3], *places = at[10];
+    const double *settings = at[12], *of = settings + 3;
+    const hda_bank bank = {(int)M, (int)E, places, places + M, at[9], at[11], settings, of, of + HDA_NX, of + HDA_NX + HDA_MECHANICAL,
+                           of + HDA_NX + HDA_MECHANICAL + HDA_N, of + HDA_NX + HDA_MECHANICAL + 2 * HDA_N};
+    int right = settings[2] > 0.0;
+    for (long k = 0; k < many; k++) right &= spans[2 * k] >= 0 && spans[2 * k + 1] > spans[2 * k] && spans[2 * k + 1] < rows;
+    for (long k = 0; k < M; k++) right &= places[k] >= 0 && places[k] < HDA_CHANNELS_MOST;
+    for (int k = 0; k < HDA_FLEXIBLE; k++) right &= places[M + k] >= 0 && places[M + k] < HDA_N;
+    void *thread = PyEval_SaveThread();
+    for (long k = 0; right && k < many; k++) {
+        hda_filter(&bank, (double *)at[0] + k * HDA_FILTERS * HDA_NX, (double *)at[1] + k * HDA_FILTERS * E, (double *)at[2] + k * HDA_FILTERS * D * D,
+                   spans[2 * k], spans[2 * k + 1], at[4], at[5], at[6], at[7], (double *)at[8] + k * M, (double *)at[13] + k * HDA_NX);
+    }
+    PyEval_RestoreThread(thread);
+    for (int k = 0; k < 14; k++) PyBuffer_Release(&views[k]);
+    if (!right) {
+        PyErr_SetString(PyExc_ValueError, "filters: spans must be rows first < last within those of time, places those of channels and joints, the longest step above 0");
+        return NULL;
+    }
+    return none();
+}
+
 /* ---- the module ---- */
 
 static PyObject *empty(PyObject *self, PyObject *ignored) {
@@ -364,6 +361,7 @@ static PyMethodDef methods[] = {
     {"map", (void (*)(void))map, FASTCALL, "map(name, rows, *arrays): the function on every row."},
     {"rollout", (void (*)(void))rollout, FASTCALL, "rollout(kind, x0, u, c, dt, most, count, x): simulate over time."},
     {"windows", (void (*)(void))windows, FASTCALL, "windows(begun, edges, u, c, dt, jump, limit, x, most, count): windows that begin anew."},
+    {"filters", (void (*)(void))filters, FASTCALL, "filters(...): the state at the end of each span, by a bank of filters."},
     {"sentence", (void (*)(void))sentence, FASTCALL, "sentence(status): what a controller's status means."},
     {"length", (void (*)(void))length, FASTCALL, "length(name, array): entries that bind() expects."},
     {"empty", (void (*)(void))empty, NOARGS, "empty(): nothing, to time a call."},

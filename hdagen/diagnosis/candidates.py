@@ -235,7 +235,7 @@ def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, suggested:
     unit = suggested.units.get(name, float(q["typical"]))
     # an effect's own amplitude that cannot be 0 is absent at its lowest
     nominal = float(q["low"]) if not base and q["low"] > 0 else float(q["nominal"])
-    everywhere = float(q["everywhere"] / q["typical"])
+    everywhere = float(q["everywhere"] or q["typical"]) / float(q["typical"])
     spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SHARES[0] * everywhere) if first else SILENT
     step = suggested.sizes[name] / unit if name in suggested.sizes else STEP
     seen = (suggested.seen[name] - nominal) / unit if first and name in suggested.seen else 0.0
