@@ -95,3 +95,13 @@ def test_another_share_is_the_same_there_and_back_with_or_without_columns(build:
         elif s == fit.score.at.s:
             assert bare.score.evidence == pytest.approx(whole.score.evidence, abs=2.0)
         assert kappa2.shape == fit.score.at.kappa2.shape and whole.evidence(TEMPERATURE) == pytest.approx(whole.reached)
+
+
+@pytest.mark.parametrize("share", SHARES)
+def test_a_wall_that_no_one_meant_is_tolerated_as_a_cable_is(build: Builder, share: float) -> None:
+    arm = Arm(build(FLEXIBLE, effects=("contact", "cable_spring")).folder)
+    words = dictionary(arm, Suggested({}, {}, {})).sharing(share)
+    widths = {c.parameter: c.spike * c.unit for c in words.columns if c.atom >= 0 and words.atoms[c.atom].first}
+    assert widths["contact_stiffness_above_1"] == pytest.approx(widths["cable_stiffness_1"])
+    assert widths["cable_stiffness_1"] == pytest.approx(share * arm.parameters.described["cable_stiffness_1"].typical)
+    assert arm.parameters.described["contact_stiffness_above_1"].typical > 30 * widths["contact_stiffness_above_1"]
