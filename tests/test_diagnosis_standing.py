@@ -129,12 +129,13 @@ def test_what_is_unknown_already_is_left_as_it_is() -> None:
         (90.0, [-0.2, 0.4], (), True),
         (110.0, [-0.2, 0.4], (), False),
         (90.0, [-0.2, 0.4], (2,), False),  # what is unknown may have bent it
-        (90.0, [0.05, 0.2], (2,), True),
+        (90.0, [0.05, 0.2], (2,), False),  # a little of this motion, which may be none of the next
+        (50.0, [0.3, 0.7], (2,), True),
         (90.0, None, (2,), True),  # too short for an interval
         (110.0, None, (2,), False),
     ],
 )
-def test_beside_something_unknown_a_gap_must_surely_be_smaller(
+def test_beside_something_unknown_a_gap_must_surely_be_much_smaller(
     after: float, interval: list[float] | None, unknown: tuple[int, ...], closes: bool
 ) -> None:
     assert _closes({"before": 100.0, "after": after, "interval": interval}, unknown) is closes

@@ -21,7 +21,7 @@ from hdagen.plant import Arm
 from hdagen.replay import Replay
 
 MOST = 2 / 3  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
-NOTHING = 0.9  # of the same, from which on a verdict closes next to nothing
+NOTHING = 0.9  # of the same, or of a gap, from which on a verdict closes next to nothing
 NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 ABOVE = 10.0  # multiples of the noise, from which on what is left counts
 STEEPLY = 4.0  # power of what is left in the odds
@@ -55,8 +55,8 @@ def stands(
 
 def _closes(told: dict[str, Any], unknown: Sequence[int]) -> bool:
     """Whether a gap is smaller after, as `gap` has it: beside something unknown, which bends what is fitted in its
-    place, with all of its interval."""
-    surely = told["interval"][0] > 0.0 if unknown and told["interval"] else True
+    place to the motion of the log, by more than next to nothing with all of its interval."""
+    surely = told["interval"][0] > 1.0 - NOTHING if unknown and told["interval"] else True
     return bool(told["after"] < told["before"] and surely)
 
 
