@@ -192,7 +192,7 @@ def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
         "arm.rollout, set-valued friction": (lambda: arm.rollout(x0, u, exact=True), STEPS),
         "batch": (lambda: arm.module.rollout(2, starts, inputs, arm.c, held, h, many, batch), few * many),
         "batch, set-valued friction": (
-            lambda: arm.module.windows(begun, edges, pieces, own, held, None, limit, states, h, many),
+            lambda: arm.module.windows(begun, None, edges, pieces, own, held, None, limit, states, h, many),
             few * many,
         ),
         "step upon step in C": (loop, STEPS),

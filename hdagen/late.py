@@ -8,7 +8,7 @@ Legend: d age of a joint encoder's reading, s; q, q̇ joint angle and speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from hdagen.plant import Arm, Array
 
 Rows = NDArray[np.intp]
-AGES = 8  # whose weights are kept
 APART = 3.0  # times the usual time between rows, from where rows are not neighbours
 
 
@@ -27,59 +26,25 @@ class Path:
 
     time: Array
     begins: Rows | None = None
-    kept: dict[float, tuple[Rows, Array, Rows]] = field(default_factory=dict)
 
     @cached_property
-    def step(self) -> Array:
-        """Time from each row to the next (T − 1), s."""
-        return np.diff(self.time)
-
-    @cached_property
-    def number(self) -> NDArray[np.intp]:
+    def number(self) -> NDArray[np.int32]:
         """Which path each row is on (T)."""
-        begin = np.zeros(len(self.time), int)
+        begin = np.zeros(len(self.time), np.int32)
         if self.begins is not None:
             begin[self.begins] = 1
-        return np.cumsum(begin)
+        return np.cumsum(begin, dtype=np.int32)
 
     @cached_property
-    def joined(self) -> NDArray[np.bool_]:
-        """Whether each row and the next are neighbours on one path (T − 1)."""
-        return (self.step < APART * np.median(self.step)) & (self.number[1:] == self.number[:-1])
-
-    def before(self, q: Array, rate: Array, d: float) -> Array:
-        """q (T) as it was ``d`` seconds before each row; by its series where no two rows of its path enclose that."""
-        k, of, row = self._weights(d)
-        q, rate = np.ascontiguousarray(q), np.ascontiguousarray(rate)  # read four times
-        cubic = of[0] * q.take(k) + of[1] * rate.take(k) + of[2] * q.take(k + 1) + of[3] * rate.take(k + 1)
-        k = np.minimum(row, len(self.time) - 2)
-        slope = np.where(self.number[k + 1] == self.number[k], (rate[k + 1] - rate[k]) / self.step[k], 0.0)
-        cubic[row] = q[row] - d * rate[row] + 0.5 * d**2 * slope
-        return np.asarray(cubic)
-
-    def _weights(self, d: float) -> tuple[Rows, Array, Rows]:
-        """Row (T) after which ``d`` seconds before each row lies, the cubic's weights (4, T) of angle and speed in it
-        and in the next, and rows that no two of their path enclose; those of the last few ages are kept."""
-        known = self.kept.get(d)  # threads share a path
-        if known is not None:
-            return known
-        then = self.time - d
-        k = np.clip(np.searchsorted(self.time, then, side="right") - 1, 0, len(self.time) - 2)
-        h = self.step[k]
-        s = (then - self.time[k]) / h
-        left, square = (1 - s) ** 2, s**2
-        of = np.stack([(1 + 2 * s) * left, s * left * h, square * (3 - 2 * s), square * (s - 1) * h])
-        enclosed = (s >= 0) & (s <= 1) & self.joined[k] & (self.number[k] == self.number)
-        if len(self.kept) >= AGES:
-            self.kept.clear()
-        self.kept[d] = found = k, of, np.flatnonzero(~enclosed)
-        return found
+    def far(self) -> float:
+        """Time between rows from which they are no neighbours, s."""
+        return APART * float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
 
 
 def read(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) -> dict[str, Array]:
     """`Arm.outputs` for the states x (T, nx) at ``time`` (T) with what acts there, u (T, nu); joint_position is read as
     late as ``sensor_delay`` says. ``begins``: rows at which a path begins that knows nothing of the one before."""
-    if not _delays(arm):
+    if not _ages(arm).any():
         return arm.outputs(x, u)
     kept, prompt = arm.p.copy(), arm.p.copy()
     for k, name in enumerate(arm.parameters.described):
@@ -100,14 +65,14 @@ def positions(arm: Arm, path: Path, x: Array) -> dict[str, Array]:
     return seen
 
 
-def _delays(arm: Arm) -> dict[int, float]:
-    """Age of the reading of each joint's encoder, s, where it has one."""
-    aged = [j for j in range(1, arm.n + 1) if f"sensor_delay_{j}" in arm.parameters]
-    return {j: d for j in aged if (d := arm.parameters[f"sensor_delay_{j}"])}
+def _ages(arm: Arm) -> Array:
+    """Age of the reading of each joint's encoder (n), s."""
+    names = (f"sensor_delay_{j}" for j in range(1, arm.n + 1))
+    return np.array([arm.parameters.get(name, 0.0) for name in names])
 
 
 def _delayed(arm: Arm, path: Path, x: Array, angle: Array) -> None:
     """Make readings ``angle`` (T, n) of the joints' encoders as old as they are, in place."""
-    for j, d in _delays(arm).items():
-        q, rate = (x[:, arm.index(f"joint_{what}_{j}")] for what in ("position", "velocity"))
-        angle[:, j - 1] += path.before(q, rate, d) - q
+    ages = _ages(arm)
+    if ages.any():
+        arm.module.late(np.ascontiguousarray(x), path.time, path.number, path.far, ages, angle)

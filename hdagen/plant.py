@@ -249,19 +249,22 @@ class Arm:
         jump: Array | None = None,
         c: Array | None = None,
         out: Array | None = None,
+        memory: Array | None = None,
     ) -> Array:
         """States (R, nx) in the rows of windows that each begin anew, set-valued friction. Window w is the rows
         edges[w] = (first, end) of u (T, nu) and begins with the positions and velocities ``begun[w]`` (m) and with the
-        effects' own states as the window before left them (0 where it ended elsewhere). ``jump`` (T, nx) is added to
+        effects' own states ``memory[w]`` (nx − m); without them as the window before left them (0 where it ended
+        elsewhere). ``jump`` (T, nx) is added to
         the state in each row. Where |x| would leave ``limit`` (nx) the window stays. With ``c`` (L, nc), constants of L
-        lanes: begun (L, W, m), u (L, T, nu), jump (L, T, nx) -> (L, R, nx). ``out``: memory for the result.
+        lanes: begun (L, W, m), memory (L, W, nx − m), u (L, T, nu), jump (L, T, nx) -> (L, R, nx). ``out``: where the
+        result goes.
         """
         rows, count = np.ascontiguousarray(edges, np.int32), 1 if c is None else len(c)
         x = np.empty((count, int(np.diff(rows).sum()), self.nx)) if out is None else out
-        given = (u, self.c if c is None else c, dt, jump)
-        inputs, used, times, added = (a if a is None else np.ascontiguousarray(a, float) for a in given)
+        given = (u, self.c if c is None else c, dt, jump, memory)
+        inputs, used, times, added, own = (a if a is None else np.ascontiguousarray(a, float) for a in given)
         first, size = finite(begun, "begun"), self._most(most) if c is None else self._size(most)
-        self.module.windows(first, rows, inputs, used, times, added, limit, x, size, count)
+        self.module.windows(first, own, rows, inputs, used, times, added, limit, x, size, count)
         return x[0] if c is None else x
 
     def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:

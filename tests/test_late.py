@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from arms import arm as text
 from compiled import Compiled
+from scipy.interpolate import CubicHermiteSpline
 
 from hdagen import late
-from hdagen.late import AGES, Path
 from hdagen.plant import Arm
 
 Builder = Callable[..., Compiled]
@@ -91,14 +90,25 @@ def test_positions_alone_are_read_as_with_everything_else(
     assert (np.abs(seen["joint_position"] - truth) > 0.05).all()
 
 
-def test_threads_that_share_a_path_read_what_one_reads() -> None:
-    """More ages than a path keeps the weights of, from several threads at once."""
-    time = np.arange(400) * 1e-3
-    q, rate = np.sin(20 * time), 20 * np.cos(20 * time)
-    ages = np.tile(np.linspace(1e-4, 5e-3, 3 * AGES), 40)
-    alone = [Path(time).before(q, rate, float(d)) for d in ages[: 3 * AGES]]
-    shared = Path(time)
-    with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(lambda d: shared.before(q, rate, float(d)), ages))
-    for k, found in enumerate(together):
-        assert np.array_equal(found, alone[k % (3 * AGES)])
+@pytest.mark.parametrize("profile", ["portable", "native"])
+def test_between_rows_it_is_the_cubic_of_angle_and_speed(build: Builder, profile: str) -> None:
+    """Against SciPy's, on rows at uneven times, for ages of less than a row and of many."""
+    arm = Arm(build(text("RR"), profile, effects=("sensor_delay",)).folder)
+    time = np.cumsum(np.random.default_rng(1).uniform(0.5e-3, 1.4e-3, 200))
+    x = ringing(arm, time)
+    for age in (1e-4, 1.7e-3, 1.9e-2, -3e-3):
+        seen, then = np.zeros((200, 2)), time - age
+        arm.module.late(x, time, np.zeros(200, np.int32), 1.0, np.array([age, 0.0]), seen)
+        q, rate = (x[:, arm.index(f"joint_{what}_1")] for what in ("position", "velocity"))
+        within = (then > time[0]) & (then < time[-1])
+        truth = CubicHermiteSpline(time, q, rate)(then[within]) - q[within]
+        assert np.abs(seen[within, 0] - truth).max() < 1e-12 and within.sum() > 170
+        assert not seen[:, 1].any()
+
+
+def test_a_row_alone_has_no_past_but_its_speed(arm: Arm) -> None:
+    x = ringing(arm, np.array([0.1]))
+    arm.parameters["sensor_delay_1"] = 2e-3
+    seen = late.read(arm, np.array([0.1]), x, np.zeros((1, arm.nu)))["joint_position"]
+    q, rate = (x[0, arm.index(f"joint_{what}_1")] for what in ("position", "velocity"))
+    assert seen[0, 0] == pytest.approx(q - 2e-3 * rate, abs=1e-15)

@@ -21,6 +21,30 @@ def motion(arm: Compiled, rows: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("profile", ["portable", "native"])
+@pytest.mark.parametrize("lanes", [1, 9])
+def test_windows_begin_with_a_memory_that_is_given(build: Builder, profile: str, lanes: int) -> None:
+    """As if a jump in their first row had put it there."""
+    arm, rng = build("paper", profile, effects=MEMORY), np.random.default_rng(2)
+    amplitudes = {f"{name}_{j}": 0.5 for name in ("presliding_share", "hysteresis_torque") for j in (1, 2)}
+    c = np.tile(arm.prepare(**amplitudes), (lanes, 1))
+    u, dt, edges = np.tile(motion(arm, 60), (lanes, 1, 1)), np.full(60, 1e-3), np.array([[0, 30], [30, 59]], np.int32)
+    nx = len(arm.states)
+    begun, memory = np.zeros((lanes, 2, 8)), 0.01 * rng.normal(size=(lanes, 2, nx - 8))
+    jump, limit, found = np.zeros((lanes, 60, nx)), np.full(nx, 1e9), []
+    cut = edges.copy()
+    cut[0, 1] -= 1  # no window goes on from the one before
+    jump[:, cut[:, 0], 8:] = memory
+    for own, added in ((memory, None), (None, jump)):
+        x = np.empty((lanes, 58, nx))
+        arm.module.windows(begun, own, cut, u, c, dt, added, limit, x, 5e-4, lanes)
+        found.append(x)
+    assert np.array_equal(*found)
+    x = np.empty((lanes, 59, nx))
+    arm.module.windows(begun, memory, edges, u, c, dt, None, limit, x, 5e-4, lanes)
+    assert np.array_equal(x[:, 30, 8:], memory[:, 1])  # not what the window before left
+
+
+@pytest.mark.parametrize("profile", ["portable", "native"])
 def test_windows_are_the_rollouts_that_they_stand_for(build: Builder, profile: str) -> None:
     arm = build("paper", profile, effects=MEMORY)
     c = arm.prepare(**{f"{name}_{j}": 0.5 for name in ("presliding_share", "hysteresis_torque") for j in (1, 2)})
@@ -31,7 +55,8 @@ def test_windows_are_the_rollouts_that_they_stand_for(build: Builder, profile: s
     jump = np.zeros((120, len(arm.states)))
     jump[[10, 95], 6] = 0.01
     x = np.empty((110, len(arm.states)))
-    arm.module.windows(np.ascontiguousarray(begun), edges, u, c, dt, jump, np.full(len(arm.states), 1e9), x, 5e-4, 1)
+    limit, begun = np.full(len(arm.states), 1e9), np.ascontiguousarray(begun)
+    arm.module.windows(begun, None, edges, u, c, dt, jump, limit, x, 5e-4, 1)
     at, hidden = 0, np.zeros(len(arm.states) - 8)
     for w, (first, end) in enumerate(edges):
         state = np.concatenate([begun[w], hidden if w == 1 else np.zeros(len(arm.states) - 8)])
@@ -50,7 +75,7 @@ def test_a_window_stays_where_it_reaches_its_limit(build: Builder) -> None:
     limit[4] = 0.1  # rad/s of motor 1
     x = np.empty((50, len(arm.states)))
     edges = np.array([[0, 50]], np.int32)
-    arm.module.windows(np.zeros((1, 8)), edges, u, arm.prepare(), np.full(50, 1e-3), None, limit, x, 5e-4, 1)
+    arm.module.windows(np.zeros((1, 8)), None, edges, u, arm.prepare(), np.full(50, 1e-3), None, limit, x, 5e-4, 1)
     assert np.abs(x[:, 4]).max() <= 0.1
     assert np.array_equal(x[-1], x[-2]) and np.abs(x[-1, 4]) > 0
 
@@ -62,6 +87,7 @@ def test_edges_that_are_none_are_refused(build: Builder, edges: list[list[int]])
     with pytest.raises(ValueError, match="edges must be rows"):
         arm.module.windows(
             np.zeros((len(edges), 8)),
+            None,
             np.array(edges, np.int32),
             motion(arm, 50),
             arm.prepare(),
@@ -80,6 +106,7 @@ def test_edges_that_are_none_are_refused(build: Builder, edges: list[list[int]])
 def test_a_number_of_lanes_that_is_none_is_refused(build: Builder, count: int, words: str) -> None:
     arm = build("paper")
     held, limit, x = np.full(50, 1e-3), np.full(8, 1e9), np.empty((50, 8))
-    given = (np.zeros((1, 8)), np.array([[0, 50]], np.int32), motion(arm, 50), arm.prepare(), held, None, limit, x)
+    begun, edges = np.zeros((1, 8)), np.array([[0, 50]], np.int32)
+    given = (begun, None, edges, motion(arm, 50), arm.prepare(), held, None, limit, x)
     with pytest.raises(ValueError, match=words):
         arm.module.windows(*given, 5e-4, count)

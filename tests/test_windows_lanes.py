@@ -39,7 +39,7 @@ class Lanes:
         nx = len(self.arm.states)
         x = np.empty((len(c), int(np.diff(EDGES).sum()), nx))
         high = np.broadcast_to(limit, nx).copy()
-        self.arm.module.windows(begun, EDGES, u, c, np.full(ROWS, HELD), jump, high, x, most, len(c))
+        self.arm.module.windows(begun, None, EDGES, u, c, np.full(ROWS, HELD), jump, high, x, most, len(c))
         return x
 
     def alone(self, limit: Floats | float = 1e9, most: float = HELD) -> Floats:
@@ -157,5 +157,5 @@ def test_without_jumps_is_with_jumps_of_nothing(build: Builder) -> None:
     given.jump[:] = 0.0
     x = np.empty((9, int(np.diff(EDGES).sum()), len(arm.states)))
     limit = np.full(len(arm.states), 1e9)
-    arm.module.windows(given.begun, EDGES, given.u, given.c, np.full(ROWS, HELD), None, limit, x, HELD, 9)
+    arm.module.windows(given.begun, None, EDGES, given.u, given.c, np.full(ROWS, HELD), None, limit, x, HELD, 9)
     assert np.array_equal(x, given.run())

@@ -9,6 +9,8 @@
 
 #include <string.h>
 
+enum { OWN = HDA_NX - HDA_MECHANICAL }; /* the effects' own states */
+
 static int allowed(const double *x, const double *limit) {
     for (int i = 0; i < HDA_NX; i++) {
         if (!(fabs(x[i]) <= limit[i])) return 0;
@@ -16,12 +18,13 @@ static int allowed(const double *x, const double *limit) {
     return 1;
 }
 
-void hda_rollout_windows(const double *begun, const int *edges, long windows, const double *u, const double *c, const double *dt,
-                         double most, const double *jump, const double *limit, double *x) {
+void hda_rollout_windows(const double *begun, const double *memory, const int *edges, long windows, const double *u, const double *c,
+                         const double *dt, double most, const double *jump, const double *limit, double *x) {
     double now[HDA_NX] = {0.0}, path[2 * HDA_NX];
     for (long w = 0; w < windows; w++) {
         if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
         memcpy(now, begun + w * HDA_MECHANICAL, HDA_MECHANICAL * sizeof *now);
+        if (memory) memcpy(now + HDA_MECHANICAL, memory + w * OWN, OWN * sizeof *now);
         int good = 1;
         for (long k = edges[2 * w]; k < edges[2 * w + 1]; k++, x += HDA_NX) {
             for (int i = 0; i < HDA_NX; i++) x[i] = now[i] + (good && jump ? jump[k * HDA_NX + i] : 0.0);
@@ -49,7 +52,7 @@ static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direc
 
 /* Of each lane what it reads and writes; those from `count` on have no work and read what the last one reads. */
 typedef struct {
-    const double *begun[HDA_BATCH_WIDTH], *u[HDA_BATCH_WIDTH], *c[HDA_BATCH_WIDTH], *jump[HDA_BATCH_WIDTH];
+    const double *begun[HDA_BATCH_WIDTH], *memory[HDA_BATCH_WIDTH], *u[HDA_BATCH_WIDTH], *c[HDA_BATCH_WIDTH], *jump[HDA_BATCH_WIDTH];
     double *x[HDA_BATCH_WIDTH];
     int count;
 } lanes;
@@ -122,6 +125,7 @@ static void group(lanes *of, const int *edges, long windows, const double *dt, d
     hda_batch_bits works = {0};
 #define CONSTANT(lane) of->c[lane][i]
 #define BEGUN(lane) of->begun[lane][w * HDA_MECHANICAL + i]
+#define MEMORY(lane) of->memory[lane][w * OWN + i - HDA_MECHANICAL]
     for (int i = 0; i < HDA_NC; i++) c[i] = (hda_batch)HDA_BATCH_OF(CONSTANT);
     for (int lane = 0; lane < of->count; lane++) works[lane] = -1;
     memset(now, 0, sizeof now);
@@ -129,17 +133,20 @@ static void group(lanes *of, const int *edges, long windows, const double *dt, d
         hda_batch_bits good = works;
         if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
         for (int i = 0; i < HDA_MECHANICAL; i++) now[i] = (hda_batch)HDA_BATCH_OF(BEGUN);
+        for (int i = HDA_MECHANICAL; of->memory[0] && i < HDA_NX; i++) now[i] = (hda_batch)HDA_BATCH_OF(MEMORY);
         for (long k = edges[2 * w]; k < edges[2 * w + 1]; k++) advance(of, k, c, dt[k], most, limit, &good, now);
     }
 #undef CONSTANT
 #undef BEGUN
+#undef MEMORY
 }
 
 #endif
 
-void hda_rollout_windows_batch(const double *begun, const int *edges, long windows, const double *u, const double *c, const double *dt,
-                               long rows, double most, const double *jump, const double *limit, long count, double *x) {
-    const long mechanical = windows * HDA_MECHANICAL, size = inside(edges, windows) * HDA_NX;
+void hda_rollout_windows_batch(const double *begun, const double *memory, const int *edges, long windows, const double *u,
+                               const double *c, const double *dt, long rows, double most, const double *jump, const double *limit,
+                               long count, double *x) {
+    const long mechanical = windows * HDA_MECHANICAL, own = windows * OWN, size = inside(edges, windows) * HDA_NX;
     long first = 0;
 #if HDA_LANES && !HDA_STIFF
     while (count - first > FEW) {
@@ -148,6 +155,7 @@ void hda_rollout_windows_batch(const double *begun, const int *edges, long windo
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
             const long which = first + (lane < of.count ? lane : of.count - 1);
             of.begun[lane] = begun + which * mechanical;
+            of.memory[lane] = memory ? memory + which * own : NULL;
             of.u[lane] = u + which * rows * HDA_NU;
             of.c[lane] = c + which * HDA_NC;
             of.jump[lane] = jump ? jump + which * rows * HDA_NX : NULL;
@@ -158,7 +166,7 @@ void hda_rollout_windows_batch(const double *begun, const int *edges, long windo
     }
 #endif
     for (; first < count; first++) {
-        hda_rollout_windows(begun + first * mechanical, edges, windows, u + first * rows * HDA_NU, c + first * HDA_NC, dt, most,
+        hda_rollout_windows(begun + first * mechanical, memory ? memory + first * own : NULL, edges, windows, u + first * rows * HDA_NU, c + first * HDA_NC, dt, most,
                             jump ? jump + first * rows * HDA_NX : NULL, limit, x + first * size);
     }
 }

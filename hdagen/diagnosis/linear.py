@@ -177,8 +177,12 @@ class Reduced:
 
     def about(self, center: Array) -> Reduced:
         """The same for θ less ``center`` (P)."""
-        N = self.N @ center
+        N = self._times(center)
         return replace(self, b=self.b - N, c=self.c + (N - 2 * self.b) @ center)
+
+    def _times(self, theta: Array) -> Array:
+        """J'CJ θ (W, P), as one product: a window each would be many small ones."""
+        return np.asarray((self.N.reshape(-1, len(theta)) @ theta).reshape(self.b.shape))
 
     def summed(self, kappa2: Array) -> Summed:
         """All windows together, at scales ``kappa2`` (W)."""
@@ -188,7 +192,7 @@ class Reduced:
 
     def chi2(self, theta: Array) -> Array:
         """What each window (W) leaves at θ, in units of noise, squared; no less than rounding leaves of its terms."""
-        told, own = self.b @ theta, (self.N @ theta) @ theta
+        told, own = self.b @ theta, self._times(theta) @ theta
         rounded = ROUNDED * (np.abs(self.c) + 2 * np.abs(told) + np.abs(own))
         return np.asarray(np.maximum(self.c - 2 * told + own, rounded))
 

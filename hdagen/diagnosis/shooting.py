@@ -35,12 +35,8 @@ MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log ru
 FEW = 2  # lanes that are faster one by one than in a vector
 HIGHEST, MARGIN = 0.999, 1.5  # quantile of the torque that motion asks for, and how much more a lane may come to
 STAGES = 4  # whose outcome is kept
-PROMPT = {
-    "motor_current",
-    "motor_torque",
-    "motor_position",
-    "joint_position",
-}  # what is read of positions and inputs alone
+DRIVES = {"motor_current", "motor_torque"}  # what is read of inputs alone
+PROMPT = DRIVES | {"motor_position", "joint_position"}  # of positions, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,11 +126,13 @@ class Shooting:
         self.rows = record.rows_of(record.kept)
         self.begins = self.brief.edges[:, 0] - np.arange(len(record.kept))
         self.looked = np.searchsorted(self.rows, record.rows[np.concatenate(record.looked)])
+        self.shown = self.rows[self.looked]  # of the record, those that are looked at
         self.command = np.ascontiguousarray(record.command[:, : self.arm.n])
         self.seats = SimpleQueue()
         for _ in range(THREADS):
             self.seats.put(seat := Seat.of(self.arm, record))
         self.width = len(seat.inputs)
+        self.none = np.zeros((len(record.kept), self.arm.nx - self.m))
         self.path = late.Path(record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
         self.limit = limits(self.arm)
@@ -175,7 +173,7 @@ class Shooting:
         """What the channels read (S, M) in each lane."""
         alike: dict[tuple[float, bool, bool], list[int]] = {}
         for k, lane in enumerate(lanes):  # a lane takes its own step in whatever company
-            kind = self._step(lane), self._jumps(lane), self._remembers(lane)
+            kind = self._step(lane), lane.impulse is not None, self._remembers(lane)
             alike.setdefault(kind, []).append(k)
         groups = [group for same in alike.values() for group in self._split(same)]
         seen = together(lambda group: self._run([lanes[k] for k in group]), groups)
@@ -196,11 +194,6 @@ class Shooting:
     def _remembers(self, lane: Lane) -> bool:
         """Whether an effect is there that remembers what was before the windows that are looked at."""
         return lane.memory is None and bool(lane.p[self.loudness].any())
-
-    @staticmethod
-    def _jumps(lane: Lane) -> bool:
-        """Whether its state is put somewhere in its windows."""
-        return lane.impulse is not None or lane.memory is not None
 
     def states(self, lane: Lane) -> Array:
         """The states (R, nx) of one lane."""
@@ -240,27 +233,23 @@ class Shooting:
 
     def _states(self, seat: Seat, lanes: Sequence[Lane]) -> list[Array]:
         """The states (R, nx) of each lane."""
-        course, many = self.whole if self._remembers(lanes[0]) else self.brief, len(lanes)
+        remembers, many = self._remembers(lanes[0]), len(lanes)
+        course = self.whole if remembers else self.brief
         inputs, states = seat.room(course, many)
         steps = self.steps[course.rows]
-        jump = np.zeros((many, course.many, seat.arm.nx)) if self._jumps(lanes[0]) else None
+        memory = None if remembers else np.stack([self.none if lane.memory is None else lane.memory for lane in lanes])
+        jump = np.zeros((many, course.many, seat.arm.nx)) if lanes[0].impulse is not None else None
         for k, lane in enumerate(lanes):
             seat.arm._prepare(lane.p)
             seat.constants[k] = seat.arm.c
             self._drive(seat, lane, course.rows, inputs[k])
-            if jump is not None:
-                self._jump(lane, course, jump[k])
+            if jump is not None and lane.impulse is not None:
+                kicked = np.einsum("tij,tj->ti", self.mobility[course.rows], lane.impulse[course.rows])
+                jump[k][:, self.speeds] = kicked
         begun, c = np.stack([lane.begun[course.windows] for lane in lanes]), seat.constants[:many]
         step = self._step(lanes[0])  # that of all of them
-        x = seat.arm.windows(begun, course.edges, inputs, steps, step, self.limit, jump, c, states)
+        x = seat.arm.windows(begun, course.edges, inputs, steps, step, self.limit, jump, c, states, memory)
         return [one[course.seen] for one in x]
-
-    def _jump(self, lane: Lane, course: Course, jump: Array) -> None:
-        """What is added to a lane's states (rows, nx)."""
-        if lane.memory is not None:
-            jump[course.edges[:, 0], self.m :] = lane.memory
-        if lane.impulse is not None:
-            jump[:, self.speeds] = np.einsum("tij,tj->ti", self.mobility[course.rows], lane.impulse[course.rows])
 
     def _acted(self, seat: Seat, p: Array) -> tuple[Array, Array]:
         """What commands make act, and what each row shows of it (T, n each), under the parameters ``p`` (np), at which
@@ -291,8 +280,11 @@ class Shooting:
             inputs = np.empty((len(x), seat.arm.nu))
             self._drive(seat, lane, self.rows, inputs)
             seen = late.read(seat.arm, self.path.time, x, inputs, self.begins)
-        seen["motor_current"] = seen["motor_torque"] = self._acted(seat, lane.p)[1][self.rows]
-        return np.stack([seen[quantity][self.looked, j - 1] for quantity, j in self.record.outputs], 1)
+        acted, told = self._acted(seat, lane.p)[1], np.empty((len(self.looked), len(self.record.outputs)))
+        for k, (quantity, j) in enumerate(self.record.outputs):
+            drives = quantity in DRIVES
+            told[:, k] = acted[:, j - 1].take(self.shown) if drives else seen[quantity][:, j - 1].take(self.looked)
+        return told
 
     @cached_property
     def mobility(self) -> Array:
