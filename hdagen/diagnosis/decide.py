@@ -8,7 +8,7 @@ hypothesis has of the probability is calibrated (`hdagen.diagnosis.calibration`)
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,13 +58,15 @@ class Hypothesis:
 @dataclass(frozen=True, eq=False)
 class Decision:
     """All hypotheses, the most probable first; ``verdict`` as diagnosis.json has it, its ``probability``, and what that
-    was before it was calibrated, ``stated``; ``best`` the fit it stands on."""
+    was before it was calibrated, ``stated``; ``best`` the fit it stands on. ``beside``: effects of the verdict that are
+    surely there beside something unknown, by name@joint, with their parameters."""
 
     hypotheses: tuple[Hypothesis, ...]
     verdict: tuple[str, ...]
     probability: float
     stated: float
     best: Fitted
+    beside: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def sure(self) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 
 from hdagen import verdict
 from hdagen.diagnosis.achievable import corrected
+from hdagen.diagnosis.beside import beside, sure
 from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
@@ -79,6 +80,8 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         return _counted(replay(arm, held_out.log, with_=said), seen)
 
     before = counted(plain)
+    if decision.unknown:
+        decision = beside(decision, sure(arm, seen))
     content = findings(found, decision)
     corrects = partial(corrected, plain, shown, held_out, before)
     builds = partial(verdict.with_effects, robot, "portable", verdict.read(content))
@@ -87,8 +90,10 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     changed, after = stands(plain, named, content, before, held_out, flexible, counted)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
     if doubt:
+        decision = beside(decision, sure(arm, seen))
         content = findings(found, decision)
-        changed, after = stands(plain, plain, content, before, held_out, flexible, counted)
+        named = verdict.with_effects(robot, "portable", verdict.read(content))
+        changed, after = stands(plain, named, content, before, held_out, flexible, counted)
     content["doubted"] = doubt
     say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)

@@ -28,7 +28,7 @@ from hdagen.together import together
 
 TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # s, in units of unexplained torque
 ROUGHLY = 8  # every which of them a first look takes
-STRIDES = 4, 2, 1  # in which a closer look goes
+STRIDES = 2, 1  # in which a closer look goes
 SCALES = 12  # at most, times that the windows are weighed anew
 STILL = 0.05  # change of log κ² below which they are not
 

@@ -27,7 +27,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
     """All of diagnosis.json that the fit says; the gap, the robot and the data are added by who has them."""
     best = decision.best
     place = {atom.name: atom.place for fit in found.fitted for atom in fit.design.words.atoms}
-    named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown"))
+    named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
     likely = {name: decision.marginal(name) for name in named}
     told = Told(best if best.whole else first_whole(found.fitted), found.fitted[0].temperature)
     causes = []
@@ -36,7 +36,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         others = [o for o in likely if o != name and _instead(decision, name, o) > LIKELY]
         others += told.beside(name) if name in decision.verdict and name in told.columns else []
         others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
-        causes.append(_cause(name, likely[name], fit, others))
+        causes.append(_cause(name, likely[name], _parameters(name, fit, decision), others))
     return {
         "schema": verdict.SCHEMA,
         "verdict": list(decision.verdict),
@@ -71,18 +71,22 @@ def _where(entry: str, place: str) -> dict[str, Any]:
     return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "when": ""}
 
 
-def _cause(
-    name: str,
-    probability: float,
-    fit: Fitted | None,
-    confounded: list[str],
-) -> dict[str, Any]:
-    """A candidate that was tried; its parameters where it was fitted."""
+def _parameters(name: str, fit: Fitted | None, decision: Decision) -> dict[str, Any]:
+    """Those of a candidate where it was fitted, or as they were read off beside something unknown, of which no std is
+    known."""
+    if fit is None and name not in decision.beside:
+        return {}
+    if name not in decision.beside:
+        assert fit
+        return estimates(fit, next(k for k in fit.atoms if fit.design.words.atoms[k].name == name))
+    described = decision.best.design.shooting.arm.parameters.described
+    read_off = decision.beside[name].items()
+    return {key: {"value": value, "std": None, "unit": described[key].unit, "end": None} for key, value in read_off}
+
+
+def _cause(name: str, probability: float, parameters: dict[str, Any], confounded: list[str]) -> dict[str, Any]:
+    """A candidate that was tried."""
     effect, _, joint = name.partition("@")
-    parameters: dict[str, Any] = {}
-    if fit is not None:
-        atom = next(k for k in fit.atoms if fit.design.words.atoms[k].name == name)
-        parameters = estimates(fit, atom)
     suffix = f"_{joint}" if joint != "0" else ""
     return {
         "effect": effect,
@@ -115,7 +119,8 @@ def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
 def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
     """What a verdict of these effects would say, were it to stand where ``fit`` does."""
     there = [name for name in names if name in fit.names]
-    causes = [_cause(name, 1.0, fit, []) for name in there]
+    atoms = {fit.design.words.atoms[k].name: k for k in fit.atoms}
+    causes = [_cause(name, 1.0, estimates(fit, atoms[name]), []) for name in there]
     said = {"schema": verdict.SCHEMA, "verdict": there, "causes": causes, "parameters": _base(fit)}
     return verdict.read(said)
 

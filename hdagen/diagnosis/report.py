@@ -167,17 +167,18 @@ def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
     main: dict[str, Any] = entries[0] if entries else {"joint": 1, "place": "motor"}
     joint = max(main["joint"], 1)
     figures = []
-    known = [e for e in entries if e["share"] is not None]
+    parts = [
+        (verdict[k] if k < len(verdict) else f"base parameters, {e['place']} {e['joint'] or ''}".strip(), e)
+        for k, e in enumerate(entries)
+        if e["share"] is not None
+    ]
+    known = [part for part in parts if not part[0].startswith("unknown@")] or parts  # whose share is of what is left
     if known:
-        names = [
-            verdict[k] if k < len(verdict) else f"base parameters, {e['place']} {e['joint'] or ''}".strip()
-            for k, e in enumerate(known)
-        ]
         figures.append(
             bars(
                 "Share of the closed gap by joint and place",
-                [n if "@" not in n else f"{words(n)} ({e['place']})" for n, e in zip(names, known, strict=True)],
-                [Bars("", [e["share"] for e in known])],
+                [n if "@" not in n else f"{words(n)} ({e['place']})" for n, e in known],
+                [Bars("", [e["share"] for _, e in known])],
                 value_label="share (1)",
                 caption="What comes back when it is taken out of the model after the verdict, of all that comes back.",
             )

@@ -25,8 +25,8 @@ FURTHER = (5, 3, 2)  # the same of further effects beside a leader
 BRIM, MOST_BRIMMING = 2.5, 2  # standard deviations from which what is tolerated is as large as it may be; how many such
 WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
 SURELY = 2.0  # standard deviations that a size must be below what counts, to be too small
-BARELY = 3.0  # temperatures of log evidence by which a larger set must lead to be gone on from: half of what the prior
-# takes from it for one more effect
+DEAR = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
+BARELY = 3.0  # of these, by which a larger set must lead to be gone on from: what is left to gain may be as much again
 LONGEST = 3  # further steps at most, each for another temperature of log evidence
 FEWER = 3  # rounds of what has fewer effects than the leader, or another one instead, from where that stands
 ALIKE, MOST_ALIKE = 40.0, 3  # temperatures behind the leader, in its linear model, of what looks like it; how many such
@@ -157,10 +157,12 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
     """The same, those that are close to the best each where it stands in the end: what is close is not decided by who
     was left on the way. The best first."""
     ordered = best_first(fits)
-    least = ordered[0].reached - CLOSE * ordered[0].excess
+    excess = ordered[0].excess
+    price = {fit: DEAR * excess * len(fit.atoms) for fit in ordered}
+    least = max(fit.reached - price[fit] for fit in ordered) - CLOSE * excess
     best: dict[tuple[int, ...], Fitted] = {}  # each set where it is best
     for fit in ordered:
-        if fit.score.evidence >= least:
+        if fit is ordered[0] or fit.score.evidence - price[fit] >= least:
             best.setdefault(fit.atoms, fit)
     close = list(best.values())[:MOST_CLOSE]
     if len(close) < 2:
@@ -226,7 +228,7 @@ def _promising(
     alone = next(s for s in scored if s.atoms == lead)
     found: dict[str, tuple[float, int]] = {}
     linear = {s.atoms[-1]: s.evidence - alone.evidence for s in scored if len(s.atoms) > len(lead)}
-    slight = {s.atoms[-1] for s in scored if len(s.atoms) > len(lead) and _slight(s, words)}
+    slight = {s.atoms[-1] for s in scored if len(s.atoms) > len(lead) and _slight(s, at.words)}
     for k, gain in linear.items():
         if not _fits(at, words, lead, k):
             continue

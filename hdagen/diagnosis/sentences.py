@@ -20,12 +20,14 @@ def sentence(content: dict[str, Any]) -> str:
     gap, named = content["gap"], content["verdict"]
     if not named:
         what = _nothing(content)
-    elif named[0].startswith("unknown"):
-        joint = named[0].partition("@")[2]
+    elif named[-1].startswith("unknown"):
+        joint = named[-1].partition("@")[2]
         what = f"Joint {joint} misses something that no known effect explains{_though(content['doubted'])}"
+        if len(named) > 1:
+            what += f"; {_each(named[:-1])} {'is' if len(named) == 2 else 'are'} missing beside it"
     else:
         p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) == sorted(named)), None)
-        each = " and ".join(words(entry) for entry in named)
+        each = _each(named)
         sized = "" if p is None else f" (probability {p:.2f}{calibrated(content)})"
         what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
     sure = "" if content["sure"] else "; this is not sure"
@@ -77,9 +79,13 @@ def _nothing(content: dict[str, Any]) -> str:
     if not first["effects"]:
         return "No effect above the size that counts was found"
     none = next(h["probability"] for h in content["hypotheses"] if not h["effects"])
-    each = " and ".join(words(entry) for entry in first["effects"])
-    p = first["probability"]
+    each, p = _each(first["effects"]), first["probability"]
     return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
+
+
+def _each(entries: Sequence[str]) -> str:
+    """Several effects in a row."""
+    return " and ".join(words(entry) for entry in entries)
 
 
 def _though(doubted: dict[str, Any] | None) -> str:
@@ -89,8 +95,7 @@ def _though(doubted: dict[str, Any] | None) -> str:
     left = f"{100 * doubted['left']:.0f} % of what this joint errs by on held-out motion"
     if not doubted["verdict"]:
         return f": the model that tells most of the log names none and leaves {left}"
-    each = " and ".join(words(entry) for entry in doubted["verdict"])
-    return f": of what is known {each} tells most of the log, but leaves {left}"
+    return f": of what is known {_each(doubted['verdict'])} tells most of the log, but leaves {left}"
 
 
 def _beside(gap: dict[str, Any]) -> str:

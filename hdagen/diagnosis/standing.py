@@ -45,18 +45,18 @@ def stands(
         said = verdict.read(content)
         after = counted(named, said)
         content["gap"] = gap(before, after, held_out, flexible)
-        if content["gap"]["before"] >= NOISE and _closes(content["gap"], said.unknown):
+        if content["gap"]["before"] >= NOISE and _closes(content["gap"], bool(said.unknown and base)):
             return named, after
-    kept = content["verdict"] if said.unknown and content["gap"]["before"] >= NOISE else []
+    kept = [f"unknown@{joint}" for joint in said.unknown] if content["gap"]["before"] >= NOISE else []
     content |= {"verdict": kept, "sure": False, "where": []}
     content["gap"] = gap(before, before, held_out, flexible)
     return plain, before
 
 
-def _closes(told: dict[str, Any], unknown: Sequence[int]) -> bool:
-    """Whether a gap is smaller after, as `gap` has it: beside something unknown, which bends what is fitted in its
-    place to the motion of the log, by more than next to nothing with all of its interval."""
-    surely = told["interval"][0] > 1.0 - NOTHING if unknown and told["interval"] else True
+def _closes(told: dict[str, Any], bent: bool) -> bool:
+    """Whether a gap is smaller after, as `gap` has it: by more than next to nothing with all of its interval, where
+    base parameters stand beside something unknown, which has ``bent`` them to the motion of the log."""
+    surely = told["interval"][0] > 1.0 - NOTHING if bent and told["interval"] else True
     return bool(told["after"] < told["before"] and surely)
 
 

@@ -7,6 +7,7 @@ its size with a corner (a limit, a delay of whole rows, a wall) that size has to
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -80,15 +81,21 @@ def _ends(arm: Arm, record: Record) -> dict[str, tuple[float, ...]]:
 
 def _inputs(arm: Arm, record: Record) -> dict[str, float]:
     """The size of each input effect with which the commands alone give the measured inputs best."""
-    sizes: dict[str, float] = {}
+    described = arm.parameters.described
+    return {name: value - described[name].nominal for _, name, _, value, share in driven(arm, record) if share < WORTH}
+
+
+def driven(arm: Arm, record: Record) -> Iterator[tuple[str, str, int, float, float]]:
+    """Of each input effect whose joint's input is measured: its name, its amplitude's, the joint, the value with which
+    the commands alone give that best, and how far (rms) they are from it, as a share of how far without."""
     names = [
-        (f"{a}_{j}", j)
+        (effect["name"], f"{a}_{j}", j)
         for effect in arm.manifest["effects"]
         if effect["place"] == "input"
         for j in effect["joints"]
         for a in effect["amplitudes"]
     ]
-    for name, j in names:
+    for effect, name, j in names:
         if arm.input_names[j - 1] not in record.names:
             continue
         described, place = arm.parameters.described[name], list(arm.parameters.described).index(name)
@@ -98,9 +105,7 @@ def _inputs(arm: Arm, record: Record) -> dict[str, float]:
         points[:, place] = described.nominal, *tried
         errors = [_error(arm, record, p, j) for p in points]
         best = int(np.argmin(errors[1:]))
-        if errors[1 + best] < WORTH * errors[0]:
-            sizes[name] = tried[best] - described.nominal
-    return sizes
+        yield effect, name, j, tried[best], errors[1 + best] / max(errors[0], np.finfo(float).tiny)
 
 
 def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) -> tuple[float, float]:

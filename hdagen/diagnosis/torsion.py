@@ -15,7 +15,7 @@ import numpy as np
 
 from hdagen.diagnosis.asked import asked
 from hdagen.diagnosis.bounds import Bounds, bounded
-from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array, Parameter
 from hdagen.torques import full_torque
@@ -40,8 +40,40 @@ class Twist:
     shapes: dict[str, float]
 
 
-def torsion(arm: Arm, record: Record) -> list[Twist]:
-    """What each flexible joint with both encoders shows."""
+@dataclass(frozen=True, eq=False)
+class Between:
+    """What lies between the encoders of joint j at T instants: ``twist``, the motor's angle over the ratio less what
+    the joint's encoder reads; ``terms`` (T, P), what a unit of each of the ``parameters`` adds to it; ``borne`` (T, 3),
+    what torque does. ``shown``: instants that the fit sees; ``loaded``: those of them at which the torque has a sign;
+    ``angle`` and ``torque`` of the joint."""
+
+    j: int
+    parameters: tuple[Parameter, ...]
+    twist: Array
+    terms: Array
+    borne: Array
+    loaded: Mask
+    shown: Mask
+    angle: Array
+    torque: Array
+
+    def told(self, which: Mask, rows: Mask) -> Array:
+        """Coefficients of the terms of ``which`` parameters and of torque, as ``rows`` tell them; 0 of the others."""
+        columns = np.concatenate([self.terms[:, which], self.borne], 1)
+        some = [q for q, one in zip(self.parameters, which, strict=True) if one]
+        found = np.zeros(len(which) + self.borne.shape[1])
+        chosen = np.append(which, np.ones(self.borne.shape[1], bool))
+        found[chosen] = _regressed(columns[rows], self.twist[rows], _bounds(some, columns))
+        return found
+
+    def left(self, values: Array, rows: Mask) -> Array:
+        """The twist in ``rows`` that the coefficients ``values`` leave."""
+        told = np.concatenate([self.terms[rows], self.borne[rows]], 1) @ values
+        return np.asarray(self.twist[rows] - told)
+
+
+def between(arm: Arm, record: Record) -> list[Between]:
+    """Each flexible joint with both encoders."""
     log, n, described = record.log, arm.n, arm.parameters.described
     if not arm.manifest["flexible"] or any(f"joint_position_{j}" not in log for j in range(1, n + 1)):
         return []
@@ -57,13 +89,23 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
         terms = {name: term for name, term in _terms(j, theta, q, v, tau).items() if name in described}
         loaded = shown & (np.abs(tau) > LOADED * float(np.sqrt(np.mean(tau[shown] ** 2))))
         twist = theta / arm.parameters[f"ratio_{j}"] - read
-        law = _law(arm, j)
-        columns = np.stack([*terms.values(), np.interp(tau, *law), tau, grid.rate(tau)], 1)
-        values = _regressed(columns[loaded], twist[loaded], _bounds([described[name] for name in terms], columns))
-        seen = {name: float(value) for name, value in zip(terms, values, strict=False)}
-        borne = twist - columns[:, : len(terms)] @ values[: len(terms)]
-        untold = np.interp(borne, law[1], law[0]) - tau  # what pushes the link back
-        sizes, shapes = _walls(arm, j, q[shown, j - 1], untold[shown])
+        borne = np.stack([np.interp(tau, *_law(arm, j)), tau, grid.rate(tau)], 1)
+        parameters = tuple(described[name] for name in terms)
+        columns = np.stack([*terms.values()], 1)
+        found.append(Between(j, parameters, twist, columns, borne, loaded, shown, q[:, j - 1], tau))
+    return found
+
+
+def torsion(arm: Arm, record: Record) -> list[Twist]:
+    """What each flexible joint with both encoders shows."""
+    found = []
+    for one in between(arm, record):
+        j, law = one.j, _law(arm, one.j)
+        values = one.told(np.ones(len(one.parameters), bool), one.loaded)
+        seen = {q.name: float(value) for q, value in zip(one.parameters, values, strict=False)}
+        borne = one.twist - one.terms @ values[: len(seen)]
+        untold = np.interp(borne, law[1], law[0]) - one.torque  # what pushes the link back
+        sizes, shapes = _walls(arm, j, one.angle[one.shown], untold[one.shown])
         found.append(Twist(seen | _zeroed(j, seen) | sizes, shapes))
     return found
 

@@ -56,11 +56,13 @@ class Trace:
 
 
 def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str, Any]]:
-    """`where` of a diagnosis.json: the verdict's effects in its order, then what the base parameters close in ``rows``
-    (T) of the log."""
-    verdict = content["verdict"]
-    if verdict and verdict[0].startswith("unknown"):
-        return [_unknown(sight, int(verdict[0].partition("@")[2]), rows)]
+    """`where` of a diagnosis.json: the verdict's effects in its order, what is unknown last of them, then what the base
+    parameters close in ``rows`` (T) of the log; beside something unknown alone those are not told."""
+    verdict = [entry for entry in content["verdict"] if not entry.startswith("unknown@")]
+    strange = [entry for entry in content["verdict"] if entry not in verdict]
+    left = [_unknown(sight, int(entry.partition("@")[2]), rows) for entry in strange]
+    if strange and not verdict:
+        return left
     parts = _parts(sight, verdict)
     shares = _shares(sight, parts, rows)
     effects = [k for k, part in enumerate(parts) if part.name in verdict]
@@ -70,7 +72,7 @@ def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str
         part = parts[k]
         said = _when(sight, part) if k in effects else f"Base parameters, {part.name}, within their tolerance."
         entries.append({"joint": part.joint, "place": part.place, "share": round(shares[k], 4), "when": said})
-    return entries
+    return entries[: len(effects)] + left + entries[len(effects) :]
 
 
 def place_of(sight: Sight, entry: str) -> str:

@@ -1,0 +1,96 @@
+"""What is surely missing beside something unknown.
+
+A torque that no effect explains bends all that is fitted to torques. Two things it leaves alone: what the drive makes
+of its commands, where that is measured, and what lies between the two encoders of a joint, beside the torsion under
+whatever torque there is. So an effect of the input or of an encoder that explains most of that is there, whatever else
+is; it is read off there, before any model is simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hdagen.diagnosis.candidates import PRESENT
+from hdagen.diagnosis.decide import Decision
+from hdagen.diagnosis.portion import Mask
+from hdagen.diagnosis.record import Record
+from hdagen.diagnosis.starts import driven
+from hdagen.diagnosis.torsion import Between, between
+from hdagen.plant import Arm
+
+HALF = 0.5  # of what there is without it, that an effect must leave at most: it explains three quarters of the variance
+FOLDS = 4  # parts of a log, each of which is told by what the others tell
+ENCODER = {
+    "sensor_delay": ("sensor_delay",),
+    "encoder_bias": ("encoder_bias",),
+    "encoder_eccentricity": ("eccentricity_sine", "eccentricity_cosine"),
+}
+
+
+@dataclass(frozen=True)
+class Sure:
+    """An effect that is there: name@joint, its parameters with their values, and the ``share`` of the error that it
+    leaves of what there is without it."""
+
+    name: str
+    parameters: Mapping[str, float]
+    share: float
+
+
+def sure(arm: Arm, record: Record) -> list[Sure]:
+    """The effects of inputs and joint encoders that the log shows by themselves."""
+    encoders = (one for apart in between(arm, record) for one in _between(apart))
+    return [one for one in (*_inputs(arm, record), *encoders) if one.share < HALF]
+
+
+def beside(decision: Decision, found: Sequence[Sure]) -> Decision:
+    """The decision, which says that something is unknown, with what is there beside it."""
+    names = tuple(one.name for one in found)
+    hypotheses = tuple(replace(h, names=(*names, *h.names)) if h.unknown else h for h in decision.hypotheses)
+    told = {one.name: one.parameters for one in found}
+    return replace(decision, hypotheses=hypotheses, verdict=(*names, *decision.verdict), beside=told)
+
+
+def _inputs(arm: Arm, record: Record) -> Iterator[Sure]:
+    """Of each joint the effect of its input that leaves least of what is measured beside the command."""
+    best: dict[int, Sure] = {}
+    for effect, name, j, value, share in driven(arm, record):
+        size = abs(value - arm.parameters.described[name].nominal)
+        counts = size > PRESENT * (arm.parameters.described[name].typical or np.inf)
+        if counts and (j not in best or share < best[j].share):
+            best[j] = Sure(f"{effect}@{j}", {name: value}, share)
+    yield from best.values()
+
+
+def _between(one: Between) -> Iterator[Sure]:
+    """Effects of the joint's encoder, by what of the twist is left with and without each."""
+    every = np.ones(len(one.parameters), bool)
+    names, whole = [q.name for q in one.parameters], one.told(every, one.loaded)
+    left = _left(one, every)
+    for effect, amplitudes in ENCODER.items():
+        own = np.array([name in {f"{a}_{one.j}" for a in amplitudes} for name in names])
+        if not own.any():
+            continue
+        usual = [q.typical or np.inf for q, chosen in zip(one.parameters, own, strict=True) if chosen]
+        if np.linalg.norm(whole[: len(own)][own] / usual) < PRESENT:
+            continue
+        parameters = {name: float(value) for name, value, chosen in zip(names, whole, own, strict=False) if chosen}
+        yield Sure(f"{effect}@{one.j}", parameters, left / _left(one, ~own))
+
+
+def _left(one: Between, which: Mask) -> float:
+    """What the terms of ``which`` parameters and torque leave of the twist (rms) in each part of the log, as the other
+    parts tell them."""
+    rows = np.flatnonzero(one.loaded)
+    parts = np.array_split(rows, FOLDS)
+    squares = 0.0
+    for part in parts:
+        seen = one.loaded.copy()
+        seen[part] = False
+        here = np.zeros(len(seen), bool)
+        here[part] = True
+        squares += float((one.left(one.told(which, seen), here) ** 2).sum())
+    return float(np.sqrt(squares / max(len(rows), 1)))
