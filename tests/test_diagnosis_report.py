@@ -393,6 +393,19 @@ def test_what_did_not_stand_on_held_out_motion_is_said(arm: Arm, verdict: list[s
     assert doubted.startswith(f"Joint 2 misses something that no known effect explains{says}")
 
 
+def test_what_is_sure_beside_something_unknown_is_said_and_has_its_place(arm: Arm, tmp_path: Path) -> None:
+    named = "sensor_delay@2"
+    sight, said, log, before, after = seen(arm, {named: {"sensor_delay": 4e-3}})
+    said |= {"verdict": [named, "unknown@2"], "sure": False}
+    assert sentence(said).startswith(
+        "Joint 2 misses something that no known effect explains; sensor delay on joint 2 is missing beside it"
+    )
+    said["where"] = where(sight, said, np.ones(len(sight.log), bool))
+    assert [(w["joint"], w["place"]) for w in said["where"][:2]] == [(2, "sensor"), (2, "motor")]
+    page = write((sight, said, log, before, after), arm, tmp_path / "page.html")
+    assert "beside it" in page
+
+
 def test_a_parameter_at_the_end_of_its_range_is_said(arm: Arm, tmp_path: Path) -> None:
     all_ = seen(arm, {"payload@2": {"payload_mass": 1.2}})
     assert "the end of" not in sentence(all_[1]) and "at the end of its range" not in write(

@@ -124,18 +124,18 @@ def test_what_is_unknown_already_is_left_as_it_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ("after", "interval", "unknown", "closes"),
+    ("after", "interval", "bent", "closes"),
     [
-        (90.0, [-0.2, 0.4], (), True),
-        (110.0, [-0.2, 0.4], (), False),
-        (90.0, [-0.2, 0.4], (2,), False),  # what is unknown may have bent it
-        (90.0, [0.05, 0.2], (2,), False),  # a little of this motion, which may be none of the next
-        (50.0, [0.3, 0.7], (2,), True),
-        (90.0, None, (2,), True),  # too short for an interval
-        (110.0, None, (2,), False),
+        (90.0, [-0.2, 0.4], False, True),
+        (110.0, [-0.2, 0.4], False, False),
+        (90.0, [-0.2, 0.4], True, False),  # what is unknown may have bent it
+        (90.0, [0.05, 0.2], True, False),  # a little of this motion, which may be none of the next
+        (50.0, [0.3, 0.7], True, True),
+        (90.0, None, True, True),  # too short for an interval
+        (110.0, None, True, False),
     ],
 )
 def test_beside_something_unknown_a_gap_must_surely_be_much_smaller(
-    after: float, interval: list[float] | None, unknown: tuple[int, ...], closes: bool
+    after: float, interval: list[float] | None, bent: bool, closes: bool
 ) -> None:
-    assert _closes({"before": 100.0, "after": after, "interval": interval}, unknown) is closes
+    assert _closes({"before": 100.0, "after": after, "interval": interval}, bent) is closes

@@ -210,7 +210,6 @@ def test_a_kuka_axis_s_encoders_are_skewed(data_dir: Path, out: Path, diagnose: 
     assert 2.3e-3 < kuka_delay(1, data_dir, out, diagnose) < 3.6e-3
 
 
-@missed("axis 2: unknown; the damping of the gear tells about as much as the delay of 3.1 ms")
 def test_the_kuka_s_skew_is_equal_on_all_axes(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
     found = [kuka_delay(axis, data_dir, out, diagnose) for axis in (1, 2, 3)]
     assert min(found) > 2.3e-3
@@ -220,20 +219,31 @@ def test_the_kuka_s_skew_is_equal_on_all_axes(data_dir: Path, out: Path, diagnos
 # -- DFKI double pendulum ---------------------------------------------------------------------------------------------
 
 
-@missed("unknown, then delays of both torque loops: half of the usual torque stays unexplained whatever is named")
-def test_the_double_pendulum_lacks_friction_and_a_fast_torque_loop(
-    data_dir: Path, out: Path, diagnose: Diagnose
-) -> None:
+def dfki(data_dir: Path, out: Path, diagnose: Diagnose, log: str, held: str) -> dict[str, Any]:
+    """Diagnosis of one run of the double pendulum, with the model that has neither friction nor rotor inertia."""
     runs = "dfki_double_pendulum/experiment_records/design_C.1/sys_id/20230629"
     map_ = EXAMPLES / "dfki" / "columns_both_torques.toml"
     logs = {}
-    for time in ("143524", "143601"):
+    for time in (log, held):
         logs[time] = out / f"dfki_{time}.parquet"
         write(read(recorded(data_dir, f"{runs}/20230629-{time}/trajectory.csv")[0], map_, 2), logs[time])
-    found = diagnose("dfki", "dfki_1_1", [logs["143524"]], [logs["143601"]])
-    named = {v.split("@")[0] for v in found["verdict"]}
-    assert named & FRICTIONS
-    assert named & {"command_delay", "current_loop_lag", "torque_constant", "current_saturation", "voltage_sag"}
+    return diagnose(f"dfki_{log}", "dfki_1_1", [logs[log]], [logs[held]])
+
+
+def test_the_double_pendulum_lacks_a_fast_torque_loop(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
+    """In the fast runs, where it shows; friction and rotor inertia are unknown beside it."""
+    found = dfki(data_dir, out, diagnose, "154220", "154548")
+    assert {"current_loop_lag@1", "current_loop_lag@2"} <= set(found["verdict"])
+    for joint in (1, 2):
+        lag = cause(found, "current_loop_lag", joint)["parameters"]["current_lag"]["value"]
+        assert 0.004 < lag < 0.02
+    assert found["gap"]["after"] < 0.55 * found["gap"]["before"]
+
+
+@missed("unknown: half of the usual torque stays unexplained in windows of 0.05 s whatever is named")
+def test_the_double_pendulum_lacks_friction(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
+    found = dfki(data_dir, out, diagnose, "143524", "143601")
+    assert {v.split("@")[0] for v in found["verdict"]} & FRICTIONS
     assert found["gap"]["after"] < 0.5 * found["gap"]["before"]
 
 

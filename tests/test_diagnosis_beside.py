@@ -1,0 +1,87 @@
+"""What is surely missing beside something unknown: truths put between the encoders are read off, and nothing is not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hdagen.diagnosis.beside import HALF, Sure, _between, beside
+from hdagen.diagnosis.decide import Decision, Hypothesis
+from hdagen.diagnosis.torsion import Between
+from hdagen.plant import Parameter
+
+RATE, STIFFNESS = 1000.0, 8000.0  # Hz, N m/rad
+USUAL = {
+    "encoder_bias": (1e-3, -1.0, 1.0),
+    "eccentricity_sine": (3e-4, -0.1, 0.1),
+    "eccentricity_cosine": (3e-4, -0.1, 0.1),
+    "sensor_delay": (2e-3, -0.01, 0.02),
+}
+
+
+def parameter(name: str) -> Parameter:
+    typical, low, high = USUAL[name]
+    fields = {"name": f"{name}_1", "unit": "1", "nominal": 0.0, "low": low, "high": high, "meaning": "", "joint": 1}
+    rest = {"effect": None, "role": "amplitude", "tolerance": 0.0, "starts": ()}
+    return Parameter(**fields, **rest, typical=typical)  # type: ignore[arg-type]
+
+
+def between(seed: int, strange: float = 3.0, **truth: float) -> Between:
+    """A joint that moves for 10 s under a torque that no model tells, its encoders apart by what is ``truth`` and by
+    the torsion, with counts of noise."""
+    rng, t = np.random.default_rng(seed), np.arange(10_000) / RATE
+    q = sum(0.4 * rng.uniform() * np.sin(2 * np.pi * rng.uniform(0.1, 1.5) * t + rng.uniform(0, 6)) for _ in range(4))
+    v, acceleration = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
+    unknown = strange * np.sign(np.sin(7.3 * q)) * np.tanh(v)  # acts on the link, so that the springs feel it
+    torque = 0.3 * acceleration + 6.0 * np.cos(q)
+    columns = {
+        "encoder_bias": -np.ones_like(q),
+        "eccentricity_sine": -np.sin(q),
+        "eccentricity_cosine": -np.cos(q),
+        "sensor_delay": v,
+    }
+    twist = (torque + unknown) / STIFFNESS + 1e-6 * rng.normal(size=len(t))
+    twist += sum(size * columns[name] for name, size in truth.items())
+    borne = np.stack([torque / STIFFNESS, torque, np.gradient(torque, t)], 1)
+    every = np.ones(len(t), bool)
+    terms = np.stack(list(columns.values()), 1)
+    return Between(1, tuple(map(parameter, columns)), twist, terms, borne, every, every, q, torque)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_age_is_read_off_though_the_torque_is_not_known(seed: int) -> None:
+    found = {one.name: one for one in _between(between(seed, sensor_delay=3e-3))}
+    told = found["sensor_delay@1"]
+    assert told.share < HALF
+    assert told.parameters["sensor_delay_1"] == pytest.approx(3e-3, rel=0.3)  # the torque goes with the speed, too
+    assert all(one.share > HALF for name, one in found.items() if name != "sensor_delay@1")
+
+
+def test_an_eccentricity_beside_an_age_is_read_off_too() -> None:
+    found = {one.name: one for one in _between(between(7, 0.1, sensor_delay=3e-3, eccentricity_sine=1.1e-3))}
+    assert {name for name, one in found.items() if one.share < HALF} >= {"sensor_delay@1", "encoder_eccentricity@1"}
+    assert found["encoder_eccentricity@1"].parameters["eccentricity_sine_1"] == pytest.approx(1.1e-3, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_where_there_is_nothing_nothing_is_read_off(seed: int) -> None:
+    """The torque that is not known twists the joint by a third of a milliradian, and no encoder errs."""
+    assert not [one for one in _between(between(seed)) if one.share < HALF]
+
+
+def test_what_is_too_small_to_count_is_not_named() -> None:
+    assert not [one for one in _between(between(3, sensor_delay=4e-4)) if one.name == "sensor_delay@1"]
+
+
+def test_the_decision_names_it_beside_what_is_unknown() -> None:
+    fit: Any = "where it stands"
+    hypotheses = (Hypothesis(("unknown@1",), 0.7, None), Hypothesis(("joint_damping@1",), 0.3, fit))
+    given = Decision(hypotheses, ("unknown@1",), 0.7, 0.7, fit)
+    found = beside(given, [Sure("sensor_delay@1", {"sensor_delay_1": 3e-3}, 0.1)])
+    assert found.verdict == ("sensor_delay@1", "unknown@1") and found.unknown and not found.sure
+    assert found.hypotheses[0].names == found.verdict and found.hypotheses[0].unknown
+    assert found.marginal("sensor_delay@1") == pytest.approx(0.7)
+    assert found.beside == {"sensor_delay@1": {"sensor_delay_1": 3e-3}}
+    assert beside(given, []).verdict == given.verdict
