@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -31,9 +31,16 @@ LONGEST = 3  # further steps at most, each for another temperature of log eviden
 FEWER = 3  # rounds of what has fewer effects than the leader, or another one instead, from where that stands
 ALIKE, MOST_ALIKE = 40.0, 3  # temperatures behind the leader, in its linear model, of what looks like it; how many such
 SETTLING = 2  # how many hypotheses beside none go on
+ALONE = 2  # round after which a set that began in two places goes on from the better one
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
 FAINT = 0.1  # the same before the first step
-MUCH = 0.1  # of the log evidence that none lacks
+MUCH = 0.25  # of the log evidence that none lacks, that the best leaves, from where something else may stand for two
+BEYOND, LOST = (
+    0.85,
+    500.0,
+)  # of the same, that even the best leaves, and how much that is (the likelihood being tempered),
+# from where the next effect is not looked for. Of 16 logs of two effects none left more than 0.76, of 12 of something
+# unknown 7 did
 HOPELESS = 20.0  # temperatures behind the leader
 CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, within which nothing is decided yet; how many such
 STEPS = 8  # that each of them goes on at most
@@ -101,8 +108,10 @@ def _shared(fitted: list[Fitted], words: Dictionary) -> tuple[list[Fitted], Dict
     if share == words.share:
         return fitted, words
     words = words.sharing(share)
-    moved = (likeliest if fit is lead else sharing(fit, share) for fit in fitted)
-    return _promising_first([_on(fit, words, LONGEST, 1.0) if fit.whole else fit for fit in moved]), words
+    moved = _promising_first([likeliest if fit is lead else sharing(fit, share) for fit in fitted])
+    further = [fit for fit in moved if not fit.atoms][:1] + [fit for fit in moved if fit.atoms and fit.whole][:SETTLING]
+    gone = together(lambda fit: _on(fit, words, LONGEST, 1.0) if fit.whole else fit, further)
+    return _promising_first([*(fit.bare() for fit in moved if fit not in further), *gone]), words
 
 
 def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str], None]) -> list[Fitted]:
@@ -110,7 +119,10 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
     that gets better; the best first, the others without their columns. Where the best leaves much, one more effect is
     tried beside the next best, too: of two effects the one that seems the larger may be a third one that stands in for
     both."""
-    fitted, words = _shared(_race(field, words, FIELD, say), words)
+    fitted = _race(field, words, FIELD, say)
+    if _beyond(fitted):
+        return bared(best_first(fitted))
+    fitted, words = _shared(fitted, words)
     lead = first_whole(fitted)
     leads = [lead, *[f for f in fitted if f is not lead and f.whole and f.atoms and _much(lead, fitted)][:1]]
     while len(leads[0].atoms) < MOST:
@@ -160,10 +172,10 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
     excess = ordered[0].excess
     price = {fit: DEAR * excess * len(fit.atoms) for fit in ordered}
     least = max(fit.reached - price[fit] for fit in ordered) - CLOSE * excess
-    best: dict[tuple[int, ...], Fitted] = {}  # each set where it is best
+    best: dict[tuple[str, ...], Fitted] = {}  # each set where it is best
     for fit in ordered:
         if fit is ordered[0] or fit.score.evidence - price[fit] >= least:
-            best.setdefault(fit.atoms, fit)
+            best.setdefault(fit.names, fit)
     close = list(best.values())[:MOST_CLOSE]
     if len(close) < 2:
         return bared(ordered)
@@ -177,14 +189,15 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
 
 def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
     """A hypothesis that goes on for so many steps, as long as one brings ``enough`` temperatures of log evidence."""
-    best = fit
+    best, gain = fit, np.inf
     for _ in range(steps):
         before, fit = fit, advanced(fit, words)
         gain = max(fit.score.evidence - before.score.evidence, fit.reached - best.reached)
         best = max(best, fit, key=lambda one: one.reached)
         if gain < enough * best.excess:
             break
-    return best
+    # where the last step was from where it is best and brought next to nothing, none further will
+    return replace(best, stands=True) if best is not fit and gain < ENOUGH * best.excess else best
 
 
 def _from(lead: Fitted, words: Dictionary, say: Callable[[str], None], begin: Begin) -> Fitted:
@@ -200,6 +213,13 @@ def _much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
     """Whether the best leaves much of what none does."""
     none = next((f for f in fitted if not f.atoms), lead)
     return lead.clean - lead.reached > MUCH * (none.clean - none.reached)
+
+
+def _beyond(fitted: Sequence[Fitted]) -> bool:
+    """Whether no effect tells anything of much that none leaves: then no two of what is known will, either."""
+    best = best_first(fitted)[0]
+    none = next((f for f in fitted if not f.atoms), best)
+    return best.clean - best.reached > max(BEYOND * (none.clean - none.reached), LOST)
 
 
 def first(shooting: Shooting, words: Dictionary) -> Point:
@@ -269,6 +289,9 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     for number in range(1, len(sizes) + 1):
         given = (field.pop(0) for _ in range(len(field)))  # each is let go of as soon as it has moved
         moved = _promising_first(together(partial(_further, words, say, f"round {number} of {len(sizes)}"), given))
+        if number == ALONE:
+            moved, left_behind = _single(moved)
+            out += left_behind
         field, left = _parted(moved, TRAILING, sizes[number] if number < len(sizes) else len(moved))
         out += left
         del moved
@@ -278,6 +301,14 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     rest += [f for f in best if f.score.evidence < hopeless]
     settled = together(lambda f: _on(f, words, LONGEST, 1.0), [f for f in best if f not in rest])
     return _promising_first([*out, *rest, *settled])
+
+
+def _single(fits: list[Fitted]) -> tuple[list[Fitted], list[Fitted]]:
+    """Of each set the first of ``fits``; and the others, without their columns."""
+    first: dict[tuple[str, ...], Fitted] = {}
+    for fit in fits:
+        first.setdefault(fit.names, fit)
+    return list(first.values()), [fit.bare() for fit in fits if first[fit.names] is not fit]
 
 
 def _parted(fits: list[Fitted], share: float, most: int) -> tuple[list[Fitted], list[Fitted]]:
