@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -100,8 +101,18 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
     """One that lags by less than what closeness means, and gains more on the way, wins; what is far behind is left."""
     ends = {(): -100.0, (1,): -103.0, (2,): -100.0}
 
-    class Fit(SimpleNamespace):
-        whole, stands, excess, names = True, False, 1.0, ()
+    @dataclass(eq=False)
+    class Fit:
+        atoms: tuple[int, ...]
+        score: Any
+        reached: float
+        whole: bool = True
+        stands: bool = False
+        excess: float = 1.0
+
+        @property
+        def names(self) -> tuple[str, ...]:
+            return tuple(f"{atom}@1" for atom in self.atoms)
 
         def bare(self) -> Any:
             return self
@@ -125,6 +136,47 @@ def test_what_is_close_goes_on_until_it_stands(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(search, "again", lambda one, words: fit(one.atoms, one.score.evidence))
     monkeypatch.setattr(search, "advanced", lambda one, words: one)
     assert first_whole(search._contested([far, lead, bare], None, print)).atoms == (3,)  # type: ignore[arg-type]
+
+
+def test_of_one_set_that_began_in_two_places_only_the_better_is_close(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In whatever order its effects came; and a larger set pays for what the prior takes from it."""
+
+    def fit(atoms: tuple[int, ...], evidence: float) -> Any:
+        names = tuple(sorted(f"{atom}@1" for atom in atoms))
+        one = SimpleNamespace(atoms=atoms, names=names, reached=evidence, score=SimpleNamespace(evidence=evidence))
+        one.whole, one.stands, one.excess, one.bare = True, False, 1.0, lambda: one
+        return one
+
+    went: list[float] = []
+    monkeypatch.setattr(search, "_on", lambda one, *_: went.append(one.reached) or one)
+    both = [fit((1, 2), -100.0), fit((2, 1), -101.0), fit((1,), -106.0), fit((1, 2, 3), -109.0), fit((4,), -117.0)]
+    search._contested(both, None, lambda word: None)  # type: ignore[arg-type]
+    assert sorted(went) == [-106.0, -100.0]
+
+
+def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
+    def fits(none: float, best: float) -> Any:
+        pairs = (((), none), ((1,), best))
+        return [SimpleNamespace(atoms=atoms, clean=0.0, reached=-lacks) for atoms, lacks in pairs]
+
+    assert search._beyond(fits(1300.0, 1240.0))
+    assert not search._beyond(fits(1300.0, 900.0))  # it tells a third
+    assert not search._beyond(fits(400.0, 390.0))  # little is left to be told at all
+
+
+def test_what_is_surely_small_is_not_fitted_unless_its_shape_may_make_it_large() -> None:
+    def slight(size: float, std: float, shapes: dict[str, float]) -> bool:
+        words: Any = SimpleNamespace(spike=np.array([0.05]), free=lambda atoms: np.array([0]))
+        words.atoms = [SimpleNamespace(shapes=shapes)]
+        # the posterior under the spike alone, of data that tell this size to this deviation
+        told = 1.0 / (1.0 / std**2 + 1.0 / 0.05**2 - 1.0)
+        at: Any = SimpleNamespace(covariance=np.array([[told]]), mean=np.array([told * size / std**2]))
+        return bool(search._slight(SimpleNamespace(atoms=(0,), at=at), words))  # type: ignore[arg-type]
+
+    assert slight(0.2, 0.02, {})
+    assert not slight(0.2, 0.1, {})  # it may be 0.4
+    assert not slight(0.5, 0.02, {})
+    assert not slight(0.2, 0.02, {"ripple_order_1": 6.0})
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------

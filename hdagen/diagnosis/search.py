@@ -133,9 +133,9 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
         leads, fitted = [], bared(fitted)
         if further:
             fitted, words = _shared(_promising_first([*fitted, *_race(further, words, FURTHER, say)]), words)
-        lead, before = first_whole(fitted), next(f for f in fitted if f.whole and f.atoms == before.atoms)
-        if lead.reached < before.reached + BARELY * before.excess:
-            lead = before
+        lead, stood = first_whole(fitted), next(f for f in fitted if f.atoms == before.atoms)
+        if lead.reached < stood.reached + BARELY * stood.excess:
+            lead = stood if stood.whole else lead
             break
         leads, fitted = [lead], bared(fitted)
     fewer = [atoms for atoms in lead.lesser[:-1] if len(atoms) in {0, len(lead.atoms) - 1}]
@@ -170,11 +170,14 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
     was left on the way. The best first."""
     ordered = best_first(fits)
     excess = ordered[0].excess
-    price = {fit: DEAR * excess * len(fit.atoms) for fit in ordered}
-    least = max(fit.reached - price[fit] for fit in ordered) - CLOSE * excess
+
+    def charged(evidence: float, fit: Fitted) -> float:
+        return evidence - DEAR * excess * len(fit.atoms)
+
+    least = max(charged(fit.reached, fit) for fit in ordered) - CLOSE * excess
     best: dict[tuple[str, ...], Fitted] = {}  # each set where it is best
     for fit in ordered:
-        if fit is ordered[0] or fit.score.evidence - price[fit] >= least:
+        if fit is ordered[0] or charged(fit.score.evidence, fit) >= least:
             best.setdefault(fit.names, fit)
     close = list(best.values())[:MOST_CLOSE]
     if len(close) < 2:
