@@ -85,3 +85,9 @@ def test_the_decision_names_it_beside_what_is_unknown() -> None:
     assert found.marginal("sensor_delay@1") == pytest.approx(0.7)
     assert found.beside == {"sensor_delay@1": {"sensor_delay_1": 3e-3}}
     assert beside(given, []).verdict == given.verdict
+
+
+def test_what_is_read_off_is_told_without_its_joint_in_the_names() -> None:
+    one = Sure("sensor_delay@2", {"sensor_delay_2": 3e-3}, 0.1)
+    parameters = {"sensor_delay": 3e-3}
+    assert one.content == {"effect": "sensor_delay", "joint": 2, "parameters": parameters, "left": 0.1}

@@ -89,6 +89,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         },
         "unseen": ["torque_constant@2"],
         "doubted": None,
+        "alone": [],
         "tolerated": [],
         "ladder": [
             {"model": "robot file", "effects": [], "probability": None, "gap": 20.0, "interval": [18.0, 22.0]},
@@ -396,14 +397,15 @@ def test_what_did_not_stand_on_held_out_motion_is_said(arm: Arm, verdict: list[s
 def test_what_is_sure_beside_something_unknown_is_said_and_has_its_place(arm: Arm, tmp_path: Path) -> None:
     named = "sensor_delay@2"
     sight, said, log, before, after = seen(arm, {named: {"sensor_delay": 4e-3}})
-    said |= {"verdict": [named, "unknown@2"], "sure": False}
+    read_off = {"effect": "sensor_delay", "joint": 2, "parameters": {"sensor_delay": 4e-3}, "left": 0.07}
+    said |= {"verdict": [named, "unknown@2"], "sure": False, "alone": [read_off]}
     assert sentence(said).startswith(
         "Joint 2 misses something that no known effect explains; sensor delay on joint 2 is missing beside it"
     )
     said["where"] = where(sight, said, np.ones(len(sight.log), bool))
     assert [(w["joint"], w["place"]) for w in said["where"][:2]] == [(2, "sensor"), (2, "motor")]
     page = write((sight, said, log, before, after), arm, tmp_path / "page.html")
-    assert "beside it" in page
+    assert "beside it" in page and "What commands and encoders show by themselves" in page
 
 
 def test_a_parameter_at_the_end_of_its_range_is_said(arm: Arm, tmp_path: Path) -> None:

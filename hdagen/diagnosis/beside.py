@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,13 @@ class Sure:
     name: str
     parameters: Mapping[str, float]
     share: float
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """As diagnosis.json has it."""
+        effect, _, joint = self.name.partition("@")
+        parameters = {name.removesuffix(f"_{joint}"): value for name, value in self.parameters.items()}
+        return {"effect": effect, "joint": int(joint), "parameters": parameters, "left": self.share}
 
 
 def sure(arm: Arm, record: Record) -> list[Sure]:

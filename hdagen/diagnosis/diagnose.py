@@ -80,8 +80,9 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         return _counted(replay(arm, held_out.log, with_=said), seen)
 
     before = counted(plain)
+    alone = sure(arm, seen)
     if decision.unknown:
-        decision = beside(decision, sure(arm, seen))
+        decision = beside(decision, alone)
     content = findings(found, decision)
     corrects = partial(corrected, plain, shown, held_out, before)
     builds = partial(verdict.with_effects, robot, "portable", verdict.read(content))
@@ -90,11 +91,11 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     changed, after = stands(plain, named, content, before, held_out, flexible, counted)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
     if doubt:
-        decision = beside(decision, sure(arm, seen))
+        decision = beside(decision, alone)
         content = findings(found, decision)
         named = verdict.with_effects(robot, "portable", verdict.read(content))
         changed, after = stands(plain, named, content, before, held_out, flexible, counted)
-    content["doubted"] = doubt
+    content |= {"doubted": doubt, "alone": [one.content for one in alone]}
     say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
     content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)

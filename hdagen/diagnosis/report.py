@@ -132,7 +132,26 @@ def _candidates(content: dict[str, Any]) -> Section:
     rest = f"The other {len(rows) - named} hold {together} together." if len(rows) > named else ""
     listed = [[name, p if float(p) >= NEVER else LITTLE] for name, p in rows[:named]]
     figures.append(table("Hypotheses", ["hypothesis", "probability"], listed, caption=rest))
-    return Section("How sure", text, figures)
+    return Section("How sure", text, [*figures, *_alone(content)])
+
+
+def _alone(content: dict[str, Any]) -> list[str]:
+    """What commands and encoders show by themselves; nothing where they do not."""
+    rows: list[list[str | float | None]] = []
+    for one in content["alone"]:
+        values = ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in one["parameters"].items())
+        rows.append([words(f"{one['effect']}@{one['joint']}"), values, 100 * one["left"]])
+    if not rows:
+        return []
+    return [
+        table(
+            "What commands and encoders show by themselves",
+            ["effect", "as large as (SI)", "leaves, of what there is without it (%)"],
+            rows,
+            caption="Measured inputs beside their commands, and the two encoders of a joint beside the torsion, before "
+            "any model is fitted: what no unknown torque can bend.",
+        )
+    ]
 
 
 def _ladder(content: dict[str, Any]) -> str:
