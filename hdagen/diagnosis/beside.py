@@ -1,9 +1,10 @@
-"""What is surely missing beside something unknown.
+"""What is surely missing, whatever else is.
 
 A torque that no effect explains bends all that is fitted to torques. Two things it leaves alone: what the drive makes
-of its commands, where that is measured, and what lies between the two encoders of a joint, beside the torsion under
-whatever torque there is. So an effect of the input or of an encoder that explains most of that is there, whatever else
-is; it is read off there, before any model is simulated.
+of its commands, where that is measured, and what lies between the two encoders of a joint beside the torsion, which is
+told by the torque that the motion asks for and by the one that the motor sends into the gear. So an effect of the input
+or of an encoder that explains most of that is there, whatever else is; it is read off there, before any model is
+simulated.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hdagen.diagnosis.candidates import PRESENT
-from hdagen.diagnosis.decide import Decision
+from hdagen.diagnosis.decide import GEAR, Decision, Hypothesis
 from hdagen.diagnosis.portion import Mask
 from hdagen.diagnosis.record import Record
 from hdagen.diagnosis.starts import driven
@@ -50,16 +51,46 @@ class Sure:
 
 def sure(arm: Arm, record: Record) -> list[Sure]:
     """The effects of inputs and joint encoders that the log shows by themselves."""
-    encoders = (one for apart in between(arm, record) for one in _between(apart))
+    encoders = (one for apart in between(arm, record) for one in _between(borne(apart)))
     return [one for one in (*_inputs(arm, record), *encoders) if one.share < HALF]
 
 
 def beside(decision: Decision, found: Sequence[Sure]) -> Decision:
-    """The decision, which says that something is unknown, with what is there beside it."""
-    names = tuple(one.name for one in found)
-    hypotheses = tuple(replace(h, names=(*names, *h.names)) if h.unknown else h for h in decision.hypotheses)
-    told = {one.name: one.parameters for one in found}
-    return replace(decision, hypotheses=hypotheses, verdict=(*names, *decision.verdict), beside=told)
+    """The decision with what is there whatever else is: where a set with that was fitted, that is said, else the
+    parameters are those that were read off. What the verdict has at the same place of the same joint stands for it."""
+    added = [one for one in found if not _stands_for(one.name, decision)]
+    if not added:
+        return decision
+    strange = tuple(name for name in decision.verdict if name.startswith("unknown@"))
+    known = {name for name in decision.verdict if name not in strange} | {one.name for one in added}
+    names = (*sorted(known), *strange)
+    said = next(h for h in decision.hypotheses if h.names == decision.verdict)
+    same = next((h for h in decision.hypotheses if h.names == names), Hypothesis(names, 0.0, None))
+    others = [h for h in decision.hypotheses if h not in (said, same)]
+    probable, rest = max(said.probability, same.probability), sum(h.probability for h in others)
+    share = (1.0 - probable) / rest if rest > 0.0 else 0.0  # of what else it may be: that is as it was calibrated
+    hypotheses = [replace(h, probability=h.probability * share) for h in others]
+    hypotheses.append(Hypothesis(names, probable if share else 1.0, same.fit or said.fit))
+    return replace(
+        decision,
+        hypotheses=tuple(sorted(hypotheses, key=lambda h: -h.probability)),
+        verdict=names,
+        best=same.fit or decision.best,
+        beside={} if same.fit else {one.name: one.parameters for one in added},
+    )
+
+
+def _stands_for(name: str, decision: Decision) -> bool:
+    """Whether the verdict has it, or what shows at the same place: another effect of the joint's input; of a joint's
+    encoder what acts between the encoders, and of its bias or eccentricity a torque that is not known: one that goes
+    with the angle would look alike."""
+    places = {atom.name: atom.place for atom in decision.best.design.words.atoms}
+    effect, _, joint = name.partition("@")
+    here = [other for other in decision.verdict if other.partition("@")[2] == joint]
+    if places[name] == "input":
+        return any(places.get(other) == "input" for other in here)
+    torque = effect != "sensor_delay" and f"unknown@{joint}" in here
+    return torque or any(places.get(other) in GEAR for other in here)
 
 
 def _inputs(arm: Arm, record: Record) -> Iterator[Sure]:
@@ -71,6 +102,12 @@ def _inputs(arm: Arm, record: Record) -> Iterator[Sure]:
         if counts and (j not in best or share < best[j].share):
             best[j] = Sure(f"{effect}@{j}", {name: value}, share)
     yield from best.values()
+
+
+def borne(one: Between) -> Between:
+    """The same with what the motor sends into the gear among what twists it: what pushes the link, known or not, goes
+    through the spring and is felt there, and an encoder's error is not."""
+    return replace(one, borne=np.column_stack([one.borne, one.driven]))
 
 
 def _between(one: Between) -> Iterator[Sure]:

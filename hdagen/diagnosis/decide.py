@@ -58,8 +58,8 @@ class Hypothesis:
 @dataclass(frozen=True, eq=False)
 class Decision:
     """All hypotheses, the most probable first; ``verdict`` as diagnosis.json has it, its ``probability``, and what that
-    was before it was calibrated, ``stated``; ``best`` the fit it stands on. ``beside``: effects of the verdict that are
-    surely there beside something unknown, by name@joint, with their parameters."""
+    was before it was calibrated, ``stated``; ``best`` the fit it stands on. ``beside``: effects of the verdict that
+    no fit has and that are surely there, by name@joint, with the parameters that were read off."""
 
     hypotheses: tuple[Hypothesis, ...]
     verdict: tuple[str, ...]

@@ -81,8 +81,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
 
     before = counted(plain)
     alone = sure(arm, seen)
-    if decision.unknown:
-        decision = beside(decision, alone)
+    decision = beside(decision, alone)
     content = findings(found, decision)
     corrects = partial(corrected, plain, shown, held_out, before)
     builds = partial(verdict.with_effects, robot, "portable", verdict.read(content))

@@ -72,8 +72,7 @@ def _where(entry: str, place: str) -> dict[str, Any]:
 
 
 def _parameters(name: str, fit: Fitted | None, decision: Decision) -> dict[str, Any]:
-    """Those of a candidate where it was fitted, or as they were read off beside something unknown, of which no std is
-    known."""
+    """Those of a candidate where it was fitted, or as they were read off, of which no std is known."""
     if fit is None and name not in decision.beside:
         return {}
     if name not in decision.beside:

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdagen.channels import Even
 from hdagen.diagnosis.asked import asked
 from hdagen.diagnosis.bounds import Bounds, bounded
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array, Parameter
-from hdagen.torques import full_torque
+from hdagen.torques import full_torque, torque_per_input
 
 TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # of the kinematic error, with the words of its parameters
 LOADED = 0.1  # of its usual torque, from which a joint's torque has a sign for certain
@@ -43,15 +44,17 @@ class Twist:
 @dataclass(frozen=True, eq=False)
 class Between:
     """What lies between the encoders of joint j at T instants: ``twist``, the motor's angle over the ratio less what
-    the joint's encoder reads; ``terms`` (T, P), what a unit of each of the ``parameters`` adds to it; ``borne`` (T, 3),
-    what torque does. ``shown``: instants that the fit sees; ``loaded``: those of them at which the torque has a sign;
-    ``angle`` and ``torque`` of the joint."""
+    the joint's encoder reads; ``terms`` (T, P), what a unit of each of the ``parameters`` adds to it; ``borne`` (T, B),
+    what the torque does that the motion asks for; ``driven`` (T, D), what the one does that the motor sends into the
+    gear. ``shown``: instants that the fit sees; ``loaded``: those of them at which the torque has a sign; ``angle`` and
+    ``torque`` of the joint."""
 
     j: int
     parameters: tuple[Parameter, ...]
     twist: Array
     terms: Array
     borne: Array
+    driven: Array
     loaded: Mask
     shown: Mask
     angle: Array
@@ -92,8 +95,22 @@ def between(arm: Arm, record: Record) -> list[Between]:
         borne = np.stack([np.interp(tau, *_law(arm, j)), tau, grid.rate(tau)], 1)
         parameters = tuple(described[name] for name in terms)
         columns = np.stack([*terms.values()], 1)
-        found.append(Between(j, parameters, twist, columns, borne, loaded, shown, q[:, j - 1], tau))
+        sent = _driven(arm, record, grid, j)
+        driven = np.stack([np.interp(sent, *_law(arm, j)), sent, grid.rate(sent)], 1)
+        found.append(Between(j, parameters, twist, columns, borne, driven, loaded, shown, q[:, j - 1], tau))
     return found
+
+
+def _driven(arm: Arm, record: Record, grid: Even, j: int) -> Array:
+    """The torque (T), at the joint, that motor j sends into its gear: that of its input, measured where it is, less
+    what moves the rotor and the robot file's friction."""
+    log, p = record.log, arm.parameters
+    name = arm.input_names[j - 1]
+    drives = torque_per_input(arm)[j - 1] * (log[name] if name in log else record.command[:, j - 1])
+    speed = grid.rate(grid.smooth(log[f"motor_position_{j}"]))
+    taken = p[f"motor_inertia_{j}"] * grid.rate(speed) + p[f"viscous_friction_{j}"] * speed
+    taken += p[f"coulomb_friction_{j}"] * np.sign(speed)
+    return np.asarray(p[f"ratio_{j}"] * (grid.smooth(drives) - taken))
 
 
 def torsion(arm: Arm, record: Record) -> list[Twist]:
