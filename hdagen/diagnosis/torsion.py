@@ -96,7 +96,7 @@ def between(arm: Arm, record: Record) -> list[Between]:
         parameters = tuple(described[name] for name in terms)
         columns = np.stack([*terms.values()], 1)
         sent = _driven(arm, record, grid, j)
-        driven = np.stack([np.interp(sent, *_law(arm, j)), sent, grid.rate(sent)], 1)
+        driven = np.stack([np.interp(sent, *_law(arm, j)), sent], 1)
         found.append(Between(j, parameters, twist, columns, borne, driven, loaded, shown, q[:, j - 1], tau))
     return found
 
