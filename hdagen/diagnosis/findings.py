@@ -45,7 +45,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "causes": causes,
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": _base(best),
-        "unseen": told.unseen(),
+        "unseen": [name for name in told.unseen() if name not in decision.verdict],
         "method": {
             "calibrated": True,
             "uncalibrated": decision.stated,
