@@ -87,7 +87,7 @@ def _stands_for(name: str, decision: Decision) -> bool:
     places = {atom.name: atom.place for atom in decision.best.design.words.atoms}
     effect, _, joint = name.partition("@")
     here = [other for other in decision.verdict if other.partition("@")[2] == joint]
-    if places[name] == "input":
+    if places.get(name) == "input":
         return any(places.get(other) == "input" for other in here)
     torque = effect != "sensor_delay" and f"unknown@{joint}" in here
     return torque or any(places.get(other) in GEAR for other in here)

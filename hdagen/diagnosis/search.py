@@ -35,12 +35,9 @@ ALONE = 2  # round after which a set that began in two places goes on from the b
 TRAILING = 1 / 3  # of the leader's gain over none, below which a hypothesis is not fitted further
 FAINT = 0.1  # the same before the first step
 MUCH = 0.25  # of the log evidence that none lacks, that the best leaves, from where something else may stand for two
-BEYOND, LOST = (
-    0.85,
-    500.0,
-)  # of the same, that even the best leaves, and how much that is (the likelihood being tempered),
-# from where the next effect is not looked for. Of 16 logs of two effects none left more than 0.76, of 12 of something
-# unknown 7 did
+BEYOND = 0.85  # of the same, that the best leaves, from where no second effect is looked for: of 16 logs of two effects
+# none left more than 0.76, of 12 of something unknown 7 did
+LOST = 500.0  # that it must be at least, the likelihood being tempered
 HOPELESS = 20.0  # temperatures behind the leader
 CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, within which nothing is decided yet; how many such
 STEPS = 8  # that each of them goes on at most
@@ -199,7 +196,7 @@ def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
         best = max(best, fit, key=lambda one: one.reached)
         if gain < enough * best.excess:
             break
-    # where the last step was from where it is best and brought next to nothing, none further will
+    # what came after where it is best brought next to nothing in the end, and would again
     return replace(best, stands=True) if best is not fit and gain < ENOUGH * best.excess else best
 
 
