@@ -164,21 +164,6 @@ def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
     assert not search._beyond(fits(400.0, 390.0))  # little is left to be told at all
 
 
-def test_what_is_surely_small_is_not_fitted_unless_its_shape_may_make_it_large() -> None:
-    def slight(size: float, std: float, shapes: dict[str, float]) -> bool:
-        words: Any = SimpleNamespace(spike=np.array([0.05]), free=lambda atoms: np.array([0]))
-        words.atoms = [SimpleNamespace(shapes=shapes)]
-        # the posterior under the spike alone, of data that tell this size to this deviation
-        told = 1.0 / (1.0 / std**2 + 1.0 / 0.05**2 - 1.0)
-        at: Any = SimpleNamespace(covariance=np.array([[told]]), mean=np.array([told * size / std**2]))
-        return bool(search._slight(SimpleNamespace(atoms=(0,), at=at), words))  # type: ignore[arg-type]
-
-    assert slight(0.2, 0.02, {})
-    assert not slight(0.2, 0.1, {})  # it may be 0.4
-    assert not slight(0.5, 0.02, {})
-    assert not slight(0.2, 0.02, {"ripple_order_1": 6.0})
-
-
 # -- what a motion tells ----------------------------------------------------------------------------------------------
 
 

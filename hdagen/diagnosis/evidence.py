@@ -164,14 +164,6 @@ def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
     return float(-0.5 * logdet + np.log(spike[free] / slab).sum() - 0.5 * (mu * D) @ np.linalg.solve(K, mu))
 
 
-def freed(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> tuple[Array, Array]:
-    """θ of the columns ``free`` when they are, and its standard deviations."""
-    D = 1.0 / slab**2 - 1.0 / spike[free] ** 2
-    S = at.covariance[np.ix_(free, free)]
-    turned = np.linalg.inv(np.eye(len(free)) + S * D)
-    return turned @ at.mean[free], np.sqrt(np.maximum(np.diagonal(turned @ S), 0.0))
-
-
 def score(found: Sequence[Posterior], words: Dictionary, hypotheses: Sequence[tuple[int, ...]]) -> list[Scored]:
     """Every hypothesis (a tuple of atoms) at its best (s, κ), the best first."""
     scored, spike = [], words.spike

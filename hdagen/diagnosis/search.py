@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import PRESENT, SHARES, Dictionary, dictionary
+from hdagen.diagnosis.candidates import SHARES, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
-from hdagen.diagnosis.evidence import Scored, freed, posteriors, score
+from hdagen.diagnosis.evidence import Scored, posteriors, score
 from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened, sharing
 from hdagen.diagnosis.orders import heard, with_orders
 from hdagen.diagnosis.scan import Start, put, scan
@@ -24,7 +24,6 @@ MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
 BRIM, MOST_BRIMMING = 2.5, 2  # standard deviations from which what is tolerated is as large as it may be; how many such
 WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
-SURELY = 2.0  # standard deviations that a size must be below what counts, to be too small
 DEAR = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
 BARELY = 3.0  # of these, by which a larger set must lead to be gone on from: what is left to gain may be as much again
 LONGEST = 3  # further steps at most, each for another temperature of log evidence
@@ -248,13 +247,10 @@ def _promising(
     alone = next(s for s in scored if s.atoms == lead)
     found: dict[str, tuple[float, int]] = {}
     linear = {s.atoms[-1]: s.evidence - alone.evidence for s in scored if len(s.atoms) > len(lead)}
-    slight = {s.atoms[-1] for s in scored if len(s.atoms) > len(lead) and _slight(s, at.words)}
     for k, gain in linear.items():
         if not _fits(at, words, lead, k):
             continue
         at_size = starts[k].gain if k in starts else -np.inf
-        if at_size <= gain and k in slight:
-            continue  # no size of it promises more
         name, best = words.atoms[k].name, max(gain, at_size)
         if best > worth and best > found.get(name, (-np.inf, k))[0]:
             found[name] = best, k
@@ -265,14 +261,6 @@ def _promising(
         return begun(at, words, (*lead, k), alone.at.s, start)
 
     return together(begin, [k for _, k in leading])
-
-
-def _slight(one: Scored, words: Dictionary) -> bool:
-    """Whether the last effect of a hypothesis is surely too small to count in the linear model: one of sizes alone, as
-    with other shapes a size may be another."""
-    atom, free = words.atoms[one.atoms[-1]], words.free(one.atoms[-1:])
-    mean, std = freed(one.at, words.spike, free)
-    return not atom.shapes and float(np.linalg.norm(mean) + SURELY * np.linalg.norm(std)) < PRESENT
 
 
 def _fits(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> bool:
