@@ -94,7 +94,7 @@ def between(arm: Arm, record: Record) -> list[Between]:
         twist = theta / arm.parameters[f"ratio_{j}"] - read
         borne = np.stack([np.interp(tau, *_law(arm, j)), tau, grid.rate(tau)], 1)
         parameters = tuple(described[name] for name in terms)
-        columns = np.stack([*terms.values()], 1)
+        columns = np.array([*terms.values()]).reshape(len(terms), len(tau)).T  # a model may have none of these effects
         sent = _driven(arm, record, grid, j)
         driven = np.stack([np.interp(sent, *_law(arm, j)), sent], 1)
         found.append(Between(j, parameters, twist, columns, borne, driven, loaded, shown, q[:, j - 1], tau))
