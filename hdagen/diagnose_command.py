@@ -98,7 +98,7 @@ def _folder(out: Path) -> Iterator[Path]:
 def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis import report
     from hdagen.diagnosis.diagnose import diagnose
-    from hdagen.diagnosis.memory import returned
+    from hdagen.diagnosis.memory import kept
     from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.sentences import sentence
     from hdagen.log import LogError, read
@@ -112,7 +112,7 @@ def _one(options: argparse.Namespace) -> int:
         except OSError as error:
             raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
         say = Progress()
-        returned()
+        kept()
         found = diagnose(options.robot, logs, held, say)
         say("report")
         _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")

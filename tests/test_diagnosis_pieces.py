@@ -18,7 +18,7 @@ from hdagen.diagnosis.evidence import laplace, settled
 from hdagen.diagnosis.fitting import _prior
 from hdagen.diagnosis.foreign import foreign
 from hdagen.diagnosis.linear import Gram, Linear, Summed
-from hdagen.diagnosis.memory import returned
+from hdagen.diagnosis.memory import kept
 from hdagen.diagnosis.search import BRIM, _brimming, bared, first_whole
 from hdagen.diagnosis.told import Told
 from hdagen.diagnosis.torsion import _bounds, _regressed, _walls, _zeroed
@@ -328,8 +328,8 @@ def test_what_can_be_had_again_is_let_go_of_and_comes_back_the_same() -> None:
     assert not linear.gram.kept and "spectrum" not in linear.gram.__dict__
     after = linear.reduced(0.3)
     assert (before.N == after.N).all() and (before.b == after.b).all() and before.logdet == after.logdet
-    returned()
-    returned()
+    kept()
+    kept()
 
 
 def test_a_column_that_flew_apart_does_not_stop_the_search() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,29 +70,31 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     shown, held_out = parted(logs, hold_out)
     window = max(WINDOW, FEWEST * shown.log.period)
     seen = record(arm, shown, window)
-    found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
-    decision = decide(found)
-    if not decision.unknown and (refused := foreign(decision.best)):
-        raise LogError([f"{logs[0].source}: {refused}"])
-    say("replay of held-out motion")
 
     def counted(arm: Arm, said: verdict.Verdict | None = None) -> Replay:
         return _counted(replay(arm, held_out.log, with_=said), seen)
 
-    before = counted(plain)
+    def without() -> tuple[Replay, Replay]:
+        before = counted(plain)
+        return before, corrected(plain, shown, held_out, before)
+
+    with ThreadPoolExecutor(1) as aside:  # the search leaves half a core idle
+        needs_no_verdict = aside.submit(without)
+        found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
+        decision = decide(found)
+        if not decision.unknown and (refused := foreign(decision.best)):
+            raise LogError([f"{logs[0].source}: {refused}"])
+        say("replay of held-out motion")
+        before, flexible = needs_no_verdict.result()
     alone = sure(arm, seen)
     decision = beside(decision, alone)
     content = findings(found, decision)
-    corrects = partial(corrected, plain, shown, held_out, before)
-    builds = partial(verdict.with_effects, robot, "portable", verdict.read(content))
-    makes: tuple[Callable[[], Any], ...] = (corrects, builds)
-    flexible, named = together(lambda make: make(), makes)
+    named = decision.best.design.shooting.arm  # has every effect; to compile the verdict's alone would take as long again
     changed, after = stands(plain, named, content, before, held_out, flexible, counted)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
     if doubt:
         decision = beside(decision, alone)
         content = findings(found, decision)
-        named = verdict.with_effects(robot, "portable", verdict.read(content))
         changed, after = stands(plain, named, content, before, held_out, flexible, counted)
     content |= {"doubted": doubt, "alone": [one.content for one in alone]}
     say("what is tolerated, and what else it may be")

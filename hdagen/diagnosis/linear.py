@@ -71,12 +71,9 @@ class Spectrum:
 
 
 def _less(products: Array, of: Array) -> Array:
-    """``products`` (W, C, C) less ``of``'``of`` of each window (W, r, C): one after the other, as all of them at once
-    would fill fresh memory twice."""
-    left, told = np.empty(products.shape), np.empty(products.shape[1:])
-    for out, whole, part in zip(left, products, of, strict=True):
-        np.subtract(whole, np.matmul(part.T, part, out=told), out=out)
-    return left
+    """``products`` (W, C, C) less ``of``'``of`` of each window (W, r, C)."""
+    told = np.matmul(of.swapaxes(1, 2), of)
+    return np.asarray(np.subtract(products, told, out=told))
 
 
 @dataclass(frozen=True, eq=False)

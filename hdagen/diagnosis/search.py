@@ -24,6 +24,8 @@ MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
 BRIM, MOST_BRIMMING = 2.5, 2  # standard deviations from which what is tolerated is as large as it may be; how many such
 WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
+FAINTLY = 0.05  # of what the most promising one promises, below which it is not; of 11 development logs nothing that was
+# named in the end promised less than 0.61 of it
 DEAR = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
 BARELY = 3.0  # of these, by which a larger set must lead to be gone on from: what is left to gain may be as much again
 LONGEST = 3  # further steps at most, each for another temperature of log evidence
@@ -37,6 +39,7 @@ MUCH = 0.25  # of the log evidence that none lacks, that the best leaves, from w
 BEYOND = 0.85  # of the same, that the best leaves, from where no second effect is looked for: of 16 logs of two effects
 # none left more than 0.76, of 12 of something unknown 7 did
 LOST = 500.0  # that it must be at least, the likelihood being tempered
+OUTDONE = 10.0  # times what the best leaves, that none leaves, from which on it is not fitted further
 HOPELESS = 20.0  # temperatures behind the leader
 CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, within which nothing is decided yet; how many such
 STEPS = 8  # that each of them goes on at most
@@ -254,13 +257,14 @@ def _promising(
         name, best = words.atoms[k].name, max(gain, at_size)
         if best > worth and best > found.get(name, (-np.inf, k))[0]:
             found[name] = best, k
-    leading = sorted(found.values(), reverse=True)[:most]
+    ranked = sorted(found.values(), reverse=True)[:most]
+    leading = [k for gain, k in ranked if gain >= FAINTLY * ranked[0][0]]
 
     def begin(k: int) -> Fitted:
         start = starts[k].point if k in starts and starts[k].gain > linear[k] else None
         return begun(at, words, (*lead, k), alone.at.s, start)
 
-    return together(begin, [k for _, k in leading])
+    return together(begin, leading)
 
 
 def _fits(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> bool:
@@ -300,13 +304,22 @@ def _single(fits: list[Fitted]) -> tuple[list[Fitted], list[Fitted]]:
 
 
 def _parted(fits: list[Fitted], share: float, most: int) -> tuple[list[Fitted], list[Fitted]]:
-    """Those of ``fits``, the best first, that are fitted further: none, and of the first so many who gain that share of
-    what the best gains over none, or are close to it; and the others, without their columns."""
+    """Those of ``fits``, the best first, that are fitted further: none, unless it is outdone, and of the first so many
+    who gain that share of what the best gains over none, or are close to it; and the others, without their columns."""
     none, lead = next((f.score.evidence for f in fits if not f.atoms), -np.inf), fits[0]
     trailing = none + share * (lead.score.evidence - none) if none > -np.inf else none
     least = min(trailing, lead.score.evidence - CLOSE * lead.excess)
-    further = [f for place, f in enumerate(fits) if not f.atoms or (place < most and f.score.evidence >= least)]
+
+    def goes_on(place: int, fit: Fitted) -> bool:
+        return place < most and fit.score.evidence >= least if fit.atoms else not _outdone(fit, lead)
+
+    further = [f for place, f in enumerate(fits) if goes_on(place, f)]
     return further, [f.bare() for f in fits if f not in further]
+
+
+def _outdone(none: Fitted, lead: Fitted) -> bool:
+    """Whether none promises to leave many times what the best has reached: nothing more is to be learnt of it then."""
+    return none.clean - none.score.evidence > OUTDONE * max(lead.clean - lead.reached, lead.excess)
 
 
 def _further(words: Dictionary, say: Callable[[str], None], when: str, fit: Fitted) -> Fitted:
