@@ -89,7 +89,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     alone = sure(arm, seen)
     decision = beside(decision, alone)
     content = findings(found, decision)
-    named = decision.best.design.shooting.arm  # has every effect; to compile the verdict's alone would take as long again
+    named = decision.best.design.shooting.arm  # has every effect: one of the verdict's alone would have to be compiled
     changed, after = stands(plain, named, content, before, held_out, flexible, counted)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
     if doubt:

@@ -24,8 +24,8 @@ MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
 BRIM, MOST_BRIMMING = 2.5, 2  # standard deviations from which what is tolerated is as large as it may be; how many such
 WORTH = 1.0  # temperatures of log evidence that a further effect must promise to be fitted
-FAINTLY = 0.05  # of what the most promising one promises, below which it is not; of 11 development logs nothing that was
-# named in the end promised less than 0.61 of it
+FAINTLY = 0.05  # of what the most promising one promises, below which it is not; what was named of 11 development logs
+# promised 0.61 of it or more
 DEAR = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
 BARELY = 3.0  # of these, by which a larger set must lead to be gone on from: what is left to gain may be as much again
 LONGEST = 3  # further steps at most, each for another temperature of log evidence
