@@ -13,7 +13,7 @@ from hdagen.diagnosis.candidates import Atom, Column, Dictionary
 from hdagen.diagnosis.evidence import TORQUES, laplace, posteriors, settled
 from hdagen.diagnosis.fitting import ENOUGH, STIFF, Fitted, advanced
 from hdagen.diagnosis.linear import Gram, Linear, Reduced
-from hdagen.diagnosis.search import CLOSE, _race
+from hdagen.diagnosis.search import CLOSE, FAINTLY, OUTDONE, WORTH, _promising, _race
 
 
 def shaken(s: float) -> Linear:
@@ -107,7 +107,7 @@ def test_what_is_only_promised_and_never_reached_is_not_kept(monkeypatch: pytest
 class Runner(SimpleNamespace):
     """A fit that stands, with nothing to let go of."""
 
-    whole, stands, excess = True, True, 1.0
+    whole, stands, excess, clean = True, True, 1.0, 0.0
 
     def bare(self) -> Any:
         return self
@@ -134,6 +134,7 @@ def test_who_trails_by_little_is_fitted_to_the_end(
 
     monkeypatch.setattr(search, "_further", further)
     ends = {"": 0.0, "leading": lead, "other": other}
+    monkeypatch.setattr(search, "_outdone", lambda none, lead: False)
     found = _race(runners(ends), None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", "other", ""]
     assert fitted.count("other") == rounds
@@ -143,9 +144,34 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
     fitted: list[str] = []
     monkeypatch.setattr(search, "_further", lambda words, say, when, one: fitted.append(one.names) or one)
     ends = {"": 0.0, "leading": 30 * CLOSE, "some": 4 * CLOSE, "faint": 2 * CLOSE}
+    monkeypatch.setattr(search, "_outdone", lambda none, lead: False)
     found = _race(runners(ends), None, (4, 4, 4), lambda word: None)  # type: ignore[arg-type]
     assert set(fitted) == {"", "leading", "some"}
     assert [f.names for f in found] == ["leading", "some", "faint", ""]
+
+
+def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    most = 100.0
+    gains = {"leading": most, "some": 1.1 * FAINTLY * most, "faint": 0.9 * FAINTLY * most}
+    words: Any = SimpleNamespace(atoms=[SimpleNamespace(name=name) for name in gains])
+    scored: Any = [SimpleNamespace(atoms=(), evidence=-7.0, at=SimpleNamespace(s=0.1))]
+    scored += [SimpleNamespace(atoms=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
+    monkeypatch.setattr(search, "_fits", lambda *given: True)
+    monkeypatch.setattr(search, "begun", lambda at, words, atoms, near, start: atoms)
+    assert gains["faint"] > WORTH
+    assert _promising(None, words, scored, {}, (), 9, WORTH) == [(0,), (1,)]  # type: ignore[arg-type, comparison-overlap]
+
+
+@pytest.mark.parametrize(("lacks", "rounds"), [(0.9 * OUTDONE, 3), (1.1 * OUTDONE, 0)])
+def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_the_best_has_reached(
+    monkeypatch: pytest.MonkeyPatch, lacks: float, rounds: int
+) -> None:
+    fitted: list[str] = []
+    monkeypatch.setattr(search, "_further", lambda words, say, when, one: fitted.append(one.names) or one)
+    field = runners({"": -2000.0 * lacks, "leading": -2000.0})
+    found = _race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
+    assert [f.names for f in found] == ["leading", ""]
+    assert fitted.count("leading") == 3 and fitted.count("") == (rounds)
 
 
 def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
