@@ -95,7 +95,7 @@ def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None
     prior standard deviations, within which it stays near the point where the model was measured; the evidence is then
     none of the whole."""
     reduced, nearer = linear.reduced(float(s)), 1.0 / (1.0 + reach**2)
-    kappa2, center = reduced.scales(linear.theta), nearer * linear.theta
+    kappa2, center = reduced.scaled(linear.chi2(float(s))), nearer * linear.theta
     about, width = reduced.about(center), np.sqrt(1.0 - nearer) * spike
     within = None if bounds is None else (bounds[0] - center, bounds[1] - center)
     for _ in range(SCALES):

@@ -109,7 +109,7 @@ class Fitted:
         for atoms in self.lesser[:-1]:
             theta, prior = self.standing(atoms), _prior(self.design, atoms)
             there = _tried(self.design, linear, s, _moved(self.design, linear, s, theta))[1]
-            found[atoms] = max(there.reduced(s).cost(there.theta, prior) - reduced.cost(theta, prior), 0.0)
+            found[atoms] = max(there.cost(s, prior) - reduced.cost(theta, prior), 0.0)
         return found
 
     @property
@@ -240,7 +240,7 @@ def _scored(at: Design, atoms: tuple[int, ...], near: float, clean: float | None
         left = nothing.cost(exact.mean, prior, noise) - nothing.freedom.sum() / linear.temperature
         clean = exact.worth(prior, own) + 0.5 * left
     reduced = linear.reduced(best.s)
-    ahead = 0.5 * max(reduced.cost(linear.theta, prior) - reduced.cost(best.mean, prior), 0.0)
+    ahead = 0.5 * max(linear.cost(best.s, prior) - reduced.cost(best.mean, prior), 0.0)
     linear.gram.forget()
     return Fitted(atoms, at, Scored(atoms, best.worth(prior, own), best), _by_joint(at, torque), clean, ahead)
 
@@ -274,14 +274,14 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored, share: float) -> D
     words, s, prior = at.words, share * lead.at.s, _prior(at, atoms)
     at = _freed(at, s)
     bounds, linear = words.bounds(at.shooting.arm), at.linear()
-    cost = linear.reduced(s).cost(linear.theta, prior)
+    cost = linear.cost(s, prior)
     for _ in range(CHORDS):
         best = cost, at, linear
         for reach in REACHES:
             theta = settled(linear, prior, s, bounds, reach).mean
             promised = cost - linear.reduced(s).cost(theta, prior)
             trial, there = _tried(at, linear, s, _moved(at, linear, s, theta))
-            value = there.reduced(s).cost(there.theta, prior)
+            value = there.cost(s, prior)
             worse = best[0] <= value
             if not worse:
                 best = value, trial, there
@@ -297,15 +297,14 @@ def _freed(at: Design, s: float) -> Design:
     """The same with those windows begun anew where the encoders say that are far off, if that is better: a first state
     on the wrong side of a reversal, or of play, is not left by small steps."""
     linear = at.linear()
-    reduced, kept = linear.reduced(s), at.shooting.record.kept
-    left = reduced.chi2(linear.theta)
-    far = left > FAR * reduced.freedom
+    kept, left = at.shooting.record.kept, linear.chi2(s)
+    far = left > FAR * linear.reduced(s).freedom
     if not far.any():
         return at
     begun = at.point.begun.copy()
     begun[kept[far]] = at.shooting.begun(at.point.p)[kept[far]]
     again = at.moved(at.point.with_begun(begun)).linear()
-    stays = again.reduced(s).chi2(again.theta) > left - WORSE
+    stays = again.chi2(s) > left - WORSE
     begun[kept[stays]] = at.point.begun[kept[stays]]
     return at.moved(at.point.with_begun(begun)) if (far & ~stays).any() else at
 
@@ -322,7 +321,7 @@ def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, 
     sticks, or flies apart, their columns say little."""
     trial = at.moved(point)
     there = trial.linear()
-    left = [one.reduced(s).chi2(one.theta) for one in (linear, there)]
+    left = [one.chi2(s) for one in (linear, there)]
     worse = at.shooting.record.kept[left[1] > left[0] + WORSE]
     if not len(worse):
         return trial, there

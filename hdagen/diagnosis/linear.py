@@ -123,6 +123,8 @@ class Linear:
     rows: Array
     theta: Array
     temperature: float = 1.0
+    kept: dict[float, tuple[Array, Array]] = field(init=False, repr=False, default_factory=dict)
+    stood: dict[float, Array] = field(init=False, repr=False, default_factory=dict)
 
     @property
     def m(self) -> int:
@@ -137,11 +139,23 @@ class Linear:
     def reduced(self, s: float) -> Reduced:
         """With first states and torques of standard deviation ``s`` eliminated."""
         e = self.gram.spectrum
-        first, turned, own = self._told
-        weighted = turned * e.weights(s)
-        b = own - np.einsum("wkp,wk->wp", e.told, weighted, optimize=True)
-        c = self.r2 - (first**2).sum(1) - (turned * weighted).sum(1)
-        return Reduced(self.gram.left(s), b, c, e.logdet(s), np.maximum(self.rows - self.m, 1), self.temperature)
+        if s not in self.kept:
+            first, turned, own = self._told
+            weighted = turned * e.weights(s)
+            b = own - np.einsum("wkp,wk->wp", e.told, weighted, optimize=True)
+            self.kept[s] = b, self.r2 - (first**2).sum(1) - (turned * weighted).sum(1)
+        freedom = np.maximum(self.rows - self.m, 1)
+        return Reduced(self.gram.left(s), *self.kept[s], e.logdet(s), freedom, self.temperature)
+
+    def chi2(self, s: float) -> Array:
+        """What each window (W) leaves where it was measured, as `Reduced.chi2` has it."""
+        if s not in self.stood:
+            self.stood[s] = self.reduced(s).chi2(self.theta)
+        return self.stood[s]
+
+    def cost(self, s: float, prior: Array) -> float:
+        """Minus twice the log posterior where it was measured, as `Reduced.cost` has it."""
+        return self.reduced(s).costs(self.theta, prior, self.chi2(s))
 
     def inner(self, s: float, theta: Array) -> tuple[Array, Array]:
         """Change of the first states (W, m) and torques (W, k), in their units, that go with θ."""
@@ -196,15 +210,23 @@ class Reduced:
     def scales(self, theta: Array) -> Array:
         """κ² of each window (W) at θ: 1, or a root of what it leaves where chance does not leave as much: with the
         whole of it a model would rather give windows up than explain them."""
+        return self.scaled(self.chi2(theta))
+
+    def scaled(self, left: Array) -> Array:
+        """The same where each window leaves ``left`` (W)."""
         chance = self.freedom * (1.0 + CHANCE * np.sqrt(2.0 / self.freedom))
-        return np.asarray(np.maximum(self.chi2(theta) / chance, 1.0) ** ROOT)
+        return np.asarray(np.maximum(left / chance, 1.0) ** ROOT)
 
     def cost(self, theta: Array, prior: Array, kappa2: Array | None = None) -> float:
         """Minus twice the log posterior of θ under prior standard deviations ``prior`` (P), but for constants, with the
         windows at scales ``kappa2`` (W), else each at its own."""
+        return self.costs(theta, prior, self.chi2(theta), kappa2)
+
+    def costs(self, theta: Array, prior: Array, left: Array, kappa2: Array | None = None) -> float:
+        """The same where each window leaves ``left`` (W)."""
         if kappa2 is None:
-            kappa2 = self.scales(theta)
-        likelihood = float((self.chi2(theta) / kappa2 + self.freedom * np.log(kappa2)).sum())
+            kappa2 = self.scaled(left)
+        likelihood = float((left / kappa2 + self.freedom * np.log(kappa2)).sum())
         return likelihood / self.temperature + float((theta**2 / prior**2).sum())
 
 
