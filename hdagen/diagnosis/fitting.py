@@ -217,6 +217,7 @@ def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     best = max(tried, key=lambda one: one.score.evidence, default=fit)
     gain = best.score.evidence - fit.score.evidence
     if best is fit or best.score.evidence <= fit.reached:
+        fit.design.gram.forget()
         return replace(fit, stands=True)
     return replace(best, stands=abs(gain) < ENOUGH * fit.excess)
 

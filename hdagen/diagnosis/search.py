@@ -165,28 +165,34 @@ def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tu
 
 
 def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]) -> list[Fitted]:
-    """The same, those that are close to the best each where it stands in the end: what is close is not decided by who
-    was left on the way. The best first."""
+    """``fits``, which are used up, those that are close to the best each where it stands in the end: what is close is
+    not decided by who was left on the way. The best first."""
     ordered = best_first(fits)
     excess = ordered[0].excess
-
-    def charged(evidence: float, fit: Fitted) -> float:
-        return evidence - DEAR * excess * len(fit.atoms)
-
-    least = max(charged(fit.reached, fit) for fit in ordered) - CLOSE * excess
+    least = max(_charged(fit.reached, fit, excess) for fit in ordered) - CLOSE * excess
     best: dict[tuple[str, ...], Fitted] = {}  # each set where it is best
     for fit in ordered:
-        if fit is ordered[0] or charged(fit.score.evidence, fit) >= least:
+        if fit is ordered[0] or _charged(fit.score.evidence, fit, excess) >= least:
             best.setdefault(fit.names, fit)
     close = list(best.values())[:MOST_CLOSE]
     if len(close) < 2:
         return bared(ordered)
     say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
     rest = [fit.bare() for fit in ordered if fit not in close]
-    done = [fit for fit in close[1:] if fit.stands]  # the best is needed with its columns
-    whole = together(lambda fit: fit if fit.whole or fit in done else again(fit, words), close)
-    stood = together(lambda fit: _on(fit, words, STEPS, ENOUGH), whole)
+    del ordered, best, fits[:]  # what is not close is let go of
+    done = [fit.names for fit in close[1:] if fit.stands]  # the best is needed with its columns
+
+    def in_the_end(fit: Fitted) -> Fitted:
+        whole = fit if fit.whole or fit.names in done else again(fit, words)
+        return _on(whole, words, STEPS, ENOUGH)
+
+    stood = together(in_the_end, (close.pop(0) for _ in range(len(close))))
     return bared(best_first([*stood, *rest]))
+
+
+def _charged(evidence: float, fit: Fitted, excess: float) -> float:
+    """Log evidence less what the prior takes for the effects of a fit, in temperatures of so much ``excess``."""
+    return evidence - DEAR * excess * len(fit.atoms)
 
 
 def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
@@ -203,12 +209,14 @@ def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
 
 
 def _from(lead: Fitted, words: Dictionary, say: Callable[[str], None], begin: Begin) -> Fitted:
-    """A hypothesis that begins where the lead stands."""
+    """A hypothesis that begins where the lead stands; one that does not come close, without its columns."""
     how, atoms = begin
     fit = how(lead, words, atoms)
     for number in range(1, FEWER + 1):
         fit = _further(words, say, f"from {' + '.join(lead.names)}, round {number} of {FEWER}", fit)
-    return fit
+    least = _charged(lead.reached, lead, lead.excess) - CLOSE * lead.excess
+    behind = fit.reached < lead.reached and _charged(fit.score.evidence, fit, lead.excess) < least
+    return fit.bare() if behind else fit
 
 
 def _much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
