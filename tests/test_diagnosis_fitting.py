@@ -40,7 +40,7 @@ def test_the_size_of_unexplained_torque_is_found_from_anywhere(true: float, near
 def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) -> Any:
     """A fit that stands at ``evidence``, of which it has not yet reached ``ahead``, with windows at ``level``."""
     score = SimpleNamespace(evidence=evidence, at=SimpleNamespace(s=0.5, level=level))
-    at: Any = more.pop("design", SimpleNamespace(shooting=None))
+    at: Any = more.pop("design", SimpleNamespace(shooting=None, gram=Gram(np.zeros((1, 1, 1)), 0, 0)))
     return Fitted((1,), at, score, np.zeros(1), evidence, ahead, **more)  # type: ignore[arg-type]
 
 
@@ -67,7 +67,7 @@ def test_a_step_is_kept_that_beats_what_was_reached(
     found: float,
     tried: list[float],
 ) -> None:
-    at = SimpleNamespace(shooting=None)
+    at = SimpleNamespace(shooting=None, gram=Gram(np.zeros((1, 1, 1)), 0, 0))
     begun, shares = fit(-100.0, ahead, level, design=at), []
 
     def descend(design: Any, atoms: Any, score: Any, share: float) -> Any:

@@ -1,7 +1,7 @@
 """What memory is kept for the next array, and what goes back to the system.
 
-A diagnosis makes arrays of a few sizes by the hundred, in threads. glibc would keep large ones in pieces that the next do
-not fit, a third more memory than is used, and give small ones back at once, to be had anew in pages that must be
+A diagnosis makes arrays of a few sizes by the hundred, in threads. glibc would keep large ones in pieces that the next
+do not fit, a third more memory than is used, and give small ones back at once, to be had anew in pages that must be
 cleared, one thread at a time: a tenth of the time.
 """
 
