@@ -171,7 +171,7 @@ def test_none_is_not_fitted_further_where_it_promises_to_leave_many_times_what_t
     field = runners({"": -2000.0 * lacks, "leading": -2000.0})
     found = _race(field, None, (3, 3, 3), lambda word: None)  # type: ignore[arg-type]
     assert [f.names for f in found] == ["leading", ""]
-    assert fitted.count("leading") == 3 and fitted.count("") == (rounds)
+    assert fitted.count("leading") == 3 and fitted.count("") == rounds
 
 
 def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:

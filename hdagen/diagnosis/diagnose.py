@@ -87,15 +87,17 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         say("replay of held-out motion")
         before, flexible = needs_no_verdict.result()
     alone = sure(arm, seen)
-    decision = beside(decision, alone)
-    content = findings(found, decision)
-    named = decision.best.design.shooting.arm  # has every effect: one of the verdict's alone would have to be compiled
-    changed, after = stands(plain, named, content, before, held_out, flexible, counted)
+
+    def told(decided: Decision) -> tuple[Decision, dict[str, Any], Arm, Replay]:
+        decided = beside(decided, alone)
+        content = findings(found, decided)
+        arm = decided.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
+        return decided, content, *stands(plain, arm, content, before, held_out, flexible, counted)
+
+    decision, content, changed, after = told(decision)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
     if doubt:
-        decision = beside(decision, alone)
-        content = findings(found, decision)
-        changed, after = stands(plain, named, content, before, held_out, flexible, counted)
+        decision, content, changed, after = told(decision)
     content |= {"doubted": doubt, "alone": [one.content for one in alone]}
     say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
