@@ -51,13 +51,11 @@ class Carried:
         if not flexible:
             return cls((), np.zeros(0), 0.0, (), ())
         names, nominal = list(described), np.array([q.nominal for q in described.values()])
-        kept = arm.p
-        arm._prepare(nominal)
+        arm = arm.at(nominal)
         q = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, arm.n))
         inverse = np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n))
         full = full_torque(arm)
         loaded = _stiffness(arm, full)
-        arm._prepare(kept)
         own = np.diagonal(inverse, axis1=1, axis2=2).max(0)[[j - 1 for j in flexible]]
         rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
         places = tuple(names.index(f"torsional_damping_{j}") for j in flexible)

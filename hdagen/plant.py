@@ -6,7 +6,8 @@ Vectors are named by the build's manifest; nothing about a model is typed twice 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from hdagen.carried import Carried
 from hdagen.given import Array, finite, is_number, of_rows, vector
 from hdagen.opening import PlantError, Structured, folder_of, opened, remedy
+from hdagen.parameters import Parameter, Parameters, UnknownParameter
 
 __all__ = [
     "Arm",
@@ -30,93 +32,6 @@ __all__ = [
     "is_number",
     "load",
 ]
-
-
-class UnknownParameter(PlantError, KeyError):
-    """No parameter has that name: a PlantError to people, a KeyError to what treats the parameters as a mapping."""
-
-    __str__ = Exception.__str__  # a KeyError would quote the sentence
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of the model; ``joint`` 0 is the whole arm.
-
-    ``effect``: whose amplitude or shape it is, None for one that no effect is about; ``role``: "base" (a key of the
-    robot file), "amplitude" or "shape"; ``typical``: the difference from nominal that is usually met, in ``unit``,
-    ``everywhere`` that of which every machine has a little, where that is another; ``starts``: of a shape, values from
-    which a search starts.
-    """
-
-    name: str
-    joint: int
-    unit: str
-    nominal: float
-    low: float
-    high: float
-    tolerance: float
-    meaning: str
-    effect: str | None = None
-    role: str = "base"
-    typical: float | None = None
-    everywhere: float | None = None
-    starts: tuple[float, ...] = ()
-
-
-class Parameters(MutableMapping[str, float]):
-    """The arm's parameters by name; setting one takes effect at the next call. Values outside the bounds are
-    refused."""
-
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
-        self.described = {
-            q["name"]: Parameter(**(q | {"starts": tuple(q["starts"])})) for q in arm.manifest["parameters"]
-        }
-        self._place = {name: k for k, name in enumerate(self.described)}
-
-    def __getitem__(self, name: str) -> float:
-        return float(self._arm.p[self._found(name)])
-
-    def __setitem__(self, name: str, value: float) -> None:
-        self.update({name: value})
-
-    def update(self, *given: Any, **more: float) -> None:
-        """Set several at once: all of them, or none and PlantError with every problem."""
-        values = dict(*given, **more)
-        problems = []
-        for name, value in values.items():
-            self._found(name)
-            described = self.described[name]
-            if not is_number(value) or not described.low <= value <= described.high:
-                problems.append(
-                    f"parameter {name}: {value} {described.unit} is not within [{described.low:g}, "
-                    f"{described.high:g}]; "
-                    "take a value inside, or change the robot file and build again."
-                )
-        if problems:
-            raise PlantError("\n".join(problems))
-        p = self._arm.p.copy()
-        for name, value in values.items():
-            p[self._found(name)] = value
-        self._arm._prepare(p)
-
-    def reset(self) -> None:
-        """Back to the robot file's values."""
-        self._arm._prepare(np.array([q.nominal for q in self.described.values()]))
-
-    def __delitem__(self, name: str) -> None:
-        raise PlantError("a parameter cannot be deleted; set its amplitude to 0.")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.described)
-
-    def __len__(self) -> int:
-        return len(self.described)
-
-    def _found(self, name: str) -> int:
-        if name not in self._place:
-            raise UnknownParameter(f"no parameter named {name}; there are {', '.join(self.described)}.")
-        return self._place[name]
 
 
 @dataclass(frozen=True)
@@ -132,8 +47,8 @@ class StepJacobians:
 class Arm:
     """A loaded arm. x, u and p are ordered as ``state_names``, ``input_names`` and ``parameters`` say; units are SI.
 
-    ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. An arm belongs to one
-    thread at a time.
+    ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. Threads may share an arm
+    whose parameters none of them sets: nothing else changes it, and `at` makes one with other parameters.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -158,7 +73,8 @@ class Arm:
         self.p: Array = np.array([q["nominal"] for q in self.manifest["parameters"]])
         self.c: Array = np.empty(self.manifest["constants"])
         self._prepare(self.p)
-        self.parameters = Parameters(self)
+        described = (Parameter(**(q | {"starts": tuple(q["starts"])})) for q in self.manifest["parameters"])
+        self.parameters = Parameters(self, {q.name: q for q in described})
 
     def __repr__(self) -> str:
         size = f"{self.n} joints, {self.nx} states"
@@ -167,6 +83,14 @@ class Arm:
     def _prepare(self, p: Array) -> None:
         self.module.bind("prepare", p, self.c).run()
         self.p = p
+
+    def at(self, p: Array) -> Arm:
+        """An arm of the same build with parameters ``p`` (np), whose bounds are not checked here; this one stays."""
+        other = copy(self)
+        other.c = np.empty_like(self.c)
+        other._prepare(np.array(p, float))
+        other.parameters = Parameters(other, self.parameters.described)
+        return other
 
     def index(self, name: str) -> int:
         """Place of a state or input by name."""

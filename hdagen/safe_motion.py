@@ -357,7 +357,7 @@ def keep(arm: Arm, others: Sequence[Arm], limits: Limits, motion: Motion, center
 
 def with_size(arm: Arm, sizes: Mapping[str, float]) -> Arm:
     """A second arm of the same build with parameters changed, each kept within its bounds."""
-    other = Arm(arm.folder)
+    other = arm.at(arm.p)
     described = other.parameters.described
     other.parameters.update({k: min(max(v, described[k].low), described[k].high) for k, v in sizes.items()})
     return other

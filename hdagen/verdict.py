@@ -118,8 +118,7 @@ def applied(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
         values[name] = min(max(value, q.nominal - reach), q.nominal + reach)
         if abs(values[name] - value) > 1e-9 * max(abs(q.nominal), abs(value)):
             notes.append(f"{name}: {value:.6g} {q.unit} lies beyond {words} and is taken as {values[name]:.6g}.")
-    changed = Arm(arm.folder)
-    changed.parameters.update(dict(arm.parameters))
+    changed = arm.at(arm.p)
     try:
         changed.parameters.update(values)
     except PlantError as error:

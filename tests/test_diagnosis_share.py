@@ -29,16 +29,13 @@ def none(build: Builder, share: float, ripple: float = 0.0) -> tuple[Fitted, Sug
     """No effect meant, fitted to a log with every effect at ``share`` of its usual size, to one side or the other."""
     arm = Arm(build(FLEXIBLE, effects=EFFECTS).folder)
     words = dictionary(arm, Suggested({}, {}, {}))
-    rng, own = np.random.default_rng(5), arm.p
-    truth, names = own.copy(), list(arm.parameters.described)
+    rng, truth, names = np.random.default_rng(5), arm.p.copy(), list(arm.parameters.described)
     for c in words.columns:
         if c.atom >= 0 and words.atoms[c.atom].first:
             truth[c.index] = c.center + share * rng.choice([-1.0, 1.0]) * c.unit
     truth[names.index("ripple_order_1")] = ORDER
     truth[names.index("ripple_sine_1")] += ripple * arm.parameters.described["ripple_sine_1"].typical
-    arm._prepare(truth)
-    log = simulated(arm)
-    arm._prepare(own)
+    log = simulated(arm.at(truth))
     shooting = Shooting(arm, record(arm, Portion(log, np.ones(len(log), bool)), 0.05))
     hints = suggested(arm, shooting.record)
     return nothing(shooting, dictionary(arm, hints)), hints

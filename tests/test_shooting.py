@@ -102,8 +102,7 @@ def test_what_is_seen_is_what_the_sensors_read_of_the_states(build: Builder, tor
     assert ("joint_torque_1" in sh.record.names) == torques
     assert (np.ptp(sh.rows) >= len(sh.rows)) == gaps
     for lane in lanes(sh):
-        x, arm = sh.states(lane), sh.arm
-        arm._prepare(lane.p)
+        x, arm = sh.states(lane), sh.arm.at(lane.p)
         mean, at = arm.acting(sh.record.command[:, :2], sh.steps, sh.record.before)
         u = np.hstack([mean, sh.record.command[:, 2:]])
         if lane.torque is not None:
@@ -177,8 +176,7 @@ def test_the_input_stage_goes_by_its_own_parameters(build: Builder) -> None:
             [min(max(v * rng.uniform(0.9, 1.1) + 1e-9, q.low), q.high) for v, q in zip(own, described, strict=True)]
         )
         p[sh.staging] = own[sh.staging]
-        arm._prepare(p)
-        outcomes.append(np.stack(arm.acting(sh.command, sh.steps, sh.record.before)))
+        outcomes.append(np.stack(arm.at(p).acting(sh.command, sh.steps, sh.record.before)))
     assert all(np.array_equal(one, outcomes[0]) for one in outcomes)
 
 

@@ -100,8 +100,7 @@ def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Re
 
 
 def _sight(arm: Arm, log: Log, of: Replay) -> Sight:
-    nominal = arm.p.copy()
-    return Sight(Arm(arm.folder), log, nominal, nominal, {}, (of, of))
+    return Sight(arm, log, arm.p, arm.p, {}, (of, of))
 
 
 @dataclass(frozen=True, eq=False)

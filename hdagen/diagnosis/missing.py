@@ -140,8 +140,7 @@ class Sight:
 
     def states(self, p: Array) -> Array:
         """The states (K, nx) that the readings mean under parameters ``p``."""
-        self.arm._prepare(p)
-        return unread(self.arm, self._read.copy(), Readings.of(self.arm, self.log).encoders())
+        return unread(self.arm.at(p), self._read.copy(), Readings.of(self.arm, self.log).encoders())
 
     def column(self, quantity: str, j: int) -> Array:
         """A state as it is read, by its name without the joint: motor_position, joint_velocity, … (K,)."""
@@ -153,9 +152,9 @@ class Sight:
 
     def inputs(self, p: Array) -> Array:
         """What acts about each instant (K, nu): measured where it is logged, else commands through the model."""
-        self.arm._prepare(p)
-        given, _ = driven_by(self.arm, self.log, "measured")
-        acting, _ = acted_on(self.arm, self.log, given, "measured")
+        arm = self.arm.at(p)
+        given, _ = driven_by(arm, self.log, "measured")
+        acting, _ = acted_on(arm, self.log, given, "measured")
         acting = acting.copy()
         n = self.n
         acting[1:, :n] = (acting[1:, :n] + acting[:-1, :n]) / 2
@@ -163,8 +162,8 @@ class Sight:
 
     def commanded(self, p: Array) -> tuple[Array, Array]:
         """What the model makes of the commands, row by row: what acts and what a sensor of it shows (T, nu each)."""
-        self.arm._prepare(p)
-        return acted_on(self.arm, self.log, driven_by(self.arm, self.log, "command")[0], "command")
+        arm = self.arm.at(p)
+        return acted_on(arm, self.log, driven_by(arm, self.log, "command")[0], "command")
 
     def smooth(self, values: Array) -> Array:
         """Columns (K, k) through the filter that all of a balance pass."""
@@ -199,15 +198,11 @@ class Sight:
 
     def sensed_torque(self, p: Array) -> Array:
         """What the torque sensors of the joints read in the model (K, n), N m."""
-        x, u = self.states(p), self.inputs(p)
-        self.arm._prepare(p)
-        return self.smooth(self.arm.outputs(x, u)["joint_torque"])
+        return self.smooth(self.arm.at(p).outputs(self.states(p), self.inputs(p))["joint_torque"])
 
     def rates(self, p: Array, x: Array) -> tuple[Array, Array]:
         """Acceleration of motors (0 in rigid drives) and joints (K, n) that the model gives in states x, unfiltered."""
-        u = self.inputs(p)
-        self.arm._prepare(p)
-        rate = self.arm.evaluate("rhs_exact", x=x, u=u, sliding=self.direction)["rate"]
+        rate = self.arm.at(p).evaluate("rhs_exact", x=x, u=self.inputs(p), sliding=self.direction)["rate"]
         motor, joint = np.zeros((len(x), self.n)), np.zeros((len(x), self.n))
         for j in range(1, self.n + 1):
             joint[:, j - 1] = rate[:, self.arm.index(f"joint_velocity_{j}")]
@@ -227,13 +222,12 @@ class Sight:
 
     def _whole(self, p: Array) -> Array:
         u, x = self.inputs(p), self.states(p)
-        self.arm._prepare(p)
         at = [self.arm.index(f"joint_position_{j}") for j in range(1, self.n + 1)]
         speed = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.n + 1)]
-        seen = self.arm.evaluate(
+        seen = self.arm.at(p).evaluate(
             "inverse_dynamics", q=x[:, at], v=x[:, speed], a=self.acceleration[1], tip_force=u[:, self.n :]
         )
-        found = self.smooth(seen["motor_torque"] - u[:, : self.n] * torque_per_input(self.arm))
+        found = self.smooth(seen["motor_torque"] - u[:, : self.n] * torque_per_input(self.arm.at(p)))
         return np.where(self.direction == 0, 0.0, found)  # what holds a joint at rest is not known
 
     def inertia(self, p: Array) -> Array:
@@ -243,9 +237,8 @@ class Sight:
 
     def weighed(self, p: Array, x: Array, acceleration: Array) -> Array:
         """Torque at the links (K, n) that goes with an ``acceleration`` (K, n)."""
-        self.arm._prepare(p)
         q = x[:, [self.arm.index(f"joint_position_{j}") for j in range(1, self.n + 1)]]
-        mass = self.arm.evaluate("mass_matrix", q=q)["M"].reshape(len(x), self.n, self.n)
+        mass = self.arm.at(p).evaluate("mass_matrix", q=q)["M"].reshape(len(x), self.n, self.n)
         return np.asarray(np.einsum("kij,kj->ki", mass, acceleration))
 
     def added(self, p: Array, less: Array) -> Missing:
@@ -268,11 +261,10 @@ class Sight:
     def link_torque(self, p: Array) -> Array:
         """What the links ask of the transmission along the measured motion (K, n), N m."""
         x, u = self.states(p), self.inputs(p)
-        self.arm._prepare(p)
         q, v = (
             [self.arm.index(f"joint_{what}_{j}") for j in range(1, self.n + 1)] for what in ("position", "velocity")
         )
-        seen = self.arm.evaluate(
+        seen = self.arm.at(p).evaluate(
             "inverse_dynamics", q=x[:, q], v=x[:, v], a=self.acceleration[1], tip_force=u[:, self.n :]
         )
         return self.smooth(seen["joint_torque"])
@@ -281,8 +273,8 @@ class Sight:
         """Stiffness of the springs (K, n) under that torque, N m/rad."""
         torque = self.link_torque(p)
         h = SMALL * max(float(np.abs(torque).max()), 1.0)
-        self.arm._prepare(p)
-        ends = [self.arm.evaluate("torsion", joint_torque=torque + side * h)["torsion"] for side in (1.0, -1.0)]
+        arm = self.arm.at(p)
+        ends = [arm.evaluate("torsion", joint_torque=torque + side * h)["torsion"] for side in (1.0, -1.0)]
         return np.asarray(2 * h / np.maximum(ends[0] - ends[1], 1e-12))
 
     def read_error(self, p: Array, less: Array) -> Array:
@@ -293,8 +285,7 @@ class Sight:
         )
         read = []
         for parameters in (p, less):
-            self.arm._prepare(parameters)
-            seen = self.arm.evaluate("encoders", q=x[:, q], v=x[:, v], a=self.acceleration[1])
+            seen = self.arm.at(parameters).evaluate("encoders", q=x[:, q], v=x[:, v], a=self.acceleration[1])
             read.append(seen["joint_position"])
         return self.smooth(read[0] - read[1])
 
@@ -307,7 +298,7 @@ def look(arm: Arm, content: Mapping[str, Any], log: Log, before: Replay, after: 
     names = list(arm.parameters.described)
     own = {f"{e.name}@{e.joint}": tuple(names.index(name) for name in e.parameters) for e in said.effects}
     nominal = np.array([q.nominal for q in arm.parameters.described.values()])
-    return Sight(Arm(arm.folder), log, nominal, changed.p.copy(), own, (before, after))
+    return Sight(arm.at(nominal), log, nominal, changed.p.copy(), own, (before, after))
 
 
 def _jitter(angle: Array, grid: Even) -> float:

@@ -84,25 +84,24 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Seat:
-    """What one thread works with: an arm, and memory for L lanes: ``inputs``, what acts from each row to the next,
-    ``constants`` (L, nc), and states."""
+    """Memory that one thread works in, for L lanes: ``inputs``, what acts from each row to the next, ``constants``
+    (L, nc), and states."""
 
-    arm: Arm
     inputs: Array
     constants: Array
     states: Array
 
     @classmethod
     def of(cls, arm: Arm, record: Record) -> Seat:
-        """With an arm of its own and new memory."""
+        """For lanes of a record on an arm."""
         shapes = ((len(record.time) + len(record.kept), arm.nu), arm.c.shape, (len(record.rows), arm.nx))
         lanes = min(arm.module.batch_width, max(1, MEMORY // (8 * sum(map(math.prod, shapes)))))
-        return cls(Arm(arm.folder), *(np.empty((lanes, *shape)) for shape in shapes))
+        return cls(*(np.empty((lanes, *shape)) for shape in shapes))
 
     def room(self, course: Course, lanes: int) -> tuple[Array, Array]:
         """Memory for the inputs (L, rows, nu) and states (L, rows in windows, nx) of ``lanes`` on a course."""
-        inputs = (lanes, course.many, self.arm.nu)
-        states = (lanes, course.size, self.arm.nx)
+        inputs = (lanes, course.many, self.inputs.shape[2])
+        states = (lanes, course.size, self.states.shape[2])
         return (
             self.inputs.reshape(-1)[: math.prod(inputs)].reshape(inputs),
             self.states.reshape(-1)[: math.prod(states)].reshape(states),
@@ -159,7 +158,7 @@ class Shooting:
         that are looked at begin."""
         with self._seat() as seat:
             x = self._states(seat, [lane])[0]
-            return self._read(seat, lane, x), x[self.begins, self.m :].copy()
+            return self._read(lane, x), x[self.begins, self.m :].copy()
 
     def near(self, base: Lane, lanes: Sequence[Lane]) -> list[Array]:
         """What the channels read (S, M) in lanes near one whose memory is known. Those that have what remembers as it
@@ -202,10 +201,7 @@ class Shooting:
 
     def begun(self, p: Array) -> Array:
         """First states (W, m) as measured by sensors of parameters ``p``, no spring twisted further than it bears."""
-        with self._seat() as seat:  # threads share the shooting's own arm, which nobody may set
-            arm, x = seat.arm, self.record.begun.copy()
-            arm._prepare(p)
-            unread(arm, x, range(1, arm.n + 1))
+        x = unread(self.arm.at(p), self.record.begun.copy(), range(1, self.arm.n + 1))
         for j, most in zip(self.arm.manifest["flexible"], self.most_twisted, strict=True):
             motor, joint = (self.arm.index(f"{side}_position_{j}") for side in ("motor", "joint"))
             base = x[:, motor] / self.arm.parameters[f"ratio_{j}"]
@@ -229,7 +225,7 @@ class Shooting:
     def _run(self, lanes: Sequence[Lane]) -> list[Array]:
         """What the channels read (S, M) in each of the lanes of a group."""
         with self._seat() as seat:
-            return [self._read(seat, lane, x) for lane, x in zip(lanes, self._states(seat, lanes), strict=True)]
+            return [self._read(lane, x) for lane, x in zip(lanes, self._states(seat, lanes), strict=True)]
 
     def _states(self, seat: Seat, lanes: Sequence[Lane]) -> list[Array]:
         """The states (R, nx) of each lane."""
@@ -238,49 +234,48 @@ class Shooting:
         inputs, states = seat.room(course, many)
         steps = self.steps[course.rows]
         memory = None if remembers else np.stack([self.none if lane.memory is None else lane.memory for lane in lanes])
-        jump = np.zeros((many, course.many, seat.arm.nx)) if lanes[0].impulse is not None else None
+        jump = np.zeros((many, course.many, self.arm.nx)) if lanes[0].impulse is not None else None
         for k, lane in enumerate(lanes):
-            seat.arm._prepare(lane.p)
-            seat.constants[k] = seat.arm.c
-            self._drive(seat, lane, course.rows, inputs[k])
+            arm = self.arm.at(lane.p)
+            seat.constants[k] = arm.c
+            self._drive(arm, lane, course.rows, inputs[k])
             if jump is not None and lane.impulse is not None:
                 kicked = np.einsum("tij,tj->ti", self.mobility[course.rows], lane.impulse[course.rows])
                 jump[k][:, self.speeds] = kicked
         begun, c = np.stack([lane.begun[course.windows] for lane in lanes]), seat.constants[:many]
         step = self._step(lanes[0])  # that of all of them
-        x = seat.arm.windows(begun, course.edges, inputs, steps, step, self.limit, jump, c, states, memory)
+        x = self.arm.windows(begun, course.edges, inputs, steps, step, self.limit, jump, c, states, memory)
         return [one[course.seen] for one in x]
 
-    def _acted(self, seat: Seat, p: Array) -> tuple[Array, Array]:
-        """What commands make act, and what each row shows of it (T, n each), under the parameters ``p`` (np), at which
-        the seat's arm stands; the last few are kept."""
-        key = p[self.staging].tobytes()
+    def _acted(self, arm: Arm) -> tuple[Array, Array]:
+        """What commands make act, and what each row shows of it (T, n each), on an arm; the last few are kept."""
+        key = arm.p[self.staging].tobytes()
         found = self.acted.get(key)  # threads share it
         if found is None:
-            found = seat.arm.acting(self.command, self.steps, self.record.before)
+            found = arm.acting(self.command, self.steps, self.record.before)
             if len(self.acted) >= STAGES:
                 self.acted.clear()
             self.acted[key] = found
         return found
 
-    def _drive(self, seat: Seat, lane: Lane, rows: Rows | slice, inputs: Array) -> None:
-        """What acts in a lane at which the seat's arm stands, into ``inputs`` (rows, nu)."""
-        n = seat.arm.n
+    def _drive(self, arm: Arm, lane: Lane, rows: Rows | slice, inputs: Array) -> None:
+        """What acts in a lane, at whose parameters the arm stands, into ``inputs`` (rows, nu)."""
+        n = arm.n
         inputs[:] = _rows(self.record.command, rows)
-        inputs[:, :n] = _rows(self._acted(seat, lane.p)[0], rows)
+        inputs[:, :n] = _rows(self._acted(arm)[0], rows)
         if lane.torque is not None:
             inputs[:, :n] += lane.torque[rows] / self.gains
 
-    def _read(self, seat: Seat, lane: Lane, x: Array) -> Array:
+    def _read(self, lane: Lane, x: Array) -> Array:
         """What the channels read (S, M) in a lane that is in the states ``x`` (R, nx)."""
-        seat.arm._prepare(lane.p)
+        arm = self.arm.at(lane.p)
         if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
-            seen = late.positions(seat.arm, self.path, x)
+            seen = late.positions(arm, self.path, x)
         else:
-            inputs = np.empty((len(x), seat.arm.nu))
-            self._drive(seat, lane, self.rows, inputs)
-            seen = late.read(seat.arm, self.path.time, x, inputs, self.begins)
-        acted, told = self._acted(seat, lane.p)[1], np.empty((len(self.looked), len(self.record.outputs)))
+            inputs = np.empty((len(x), arm.nu))
+            self._drive(arm, lane, self.rows, inputs)
+            seen = late.read(arm, self.path.time, x, inputs, self.begins)
+        acted, told = self._acted(arm)[1], np.empty((len(self.looked), len(self.record.outputs)))
         for k, (quantity, j) in enumerate(self.record.outputs):
             drives = quantity in DRIVES
             told[:, k] = acted[:, j - 1].take(self.shown) if drives else seen[quantity][:, j - 1].take(self.looked)

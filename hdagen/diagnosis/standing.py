@@ -89,9 +89,7 @@ def doubted(
 def _whole(decision: Decision) -> Arm:
     """The model where the best fit stands, with what it tolerates."""
     at = decision.best.design
-    arm = Arm(at.shooting.arm.folder)
-    arm.parameters.update(dict(zip(arm.parameters, at.point.p.tolist(), strict=True)))
-    return arm
+    return at.shooting.arm.at(at.point.p)
 
 
 def worst(before: Replay, after: Replay, whole: Replay, held: Portion, named: Collection[int]) -> tuple[int, float]:

@@ -126,10 +126,7 @@ def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) 
 
 
 def _error(arm: Arm, record: Record, p: Array, j: int) -> float:
-    """How far (rms) what the commands give under the parameters ``p`` (np) is from what is measured of joint j's input;
-    the arm stands at its own parameters afterwards."""
-    own = arm.p
-    arm._prepare(p)
-    _, at = arm.acting(record.command[:, : arm.n], record.steps, record.before)
-    arm._prepare(own)
+    """How far (rms) what the commands give under the parameters ``p`` (np) is from what is measured of joint j's
+    input."""
+    _, at = arm.at(p).acting(record.command[:, : arm.n], record.steps, record.before)
     return float(np.sqrt(np.mean((at[:, j - 1] - record.log[arm.input_names[j - 1]])[record.shown] ** 2)))

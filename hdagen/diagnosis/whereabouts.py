@@ -117,7 +117,7 @@ def _shares(sight: Sight, parts: list[Part], rows: Mask) -> list[float]:
 
 def _gap(sight: Sight, p: Array, rows: Mask) -> float:
     """Logarithm of the gap, in multiples of noise, of windows that begin where the replay after the verdict says."""
-    arm, log, after = sight.arm, sight.log, sight.replays[1]
+    arm, log, after = sight.arm.at(p), sight.log, sight.replays[1]
     acting, shown = sight.commanded(p)
     ends = np.append(after.starts[1:], len(log))
     dt = np.append(np.diff(log.time), log.period)

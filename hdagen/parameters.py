@@ -1,0 +1,99 @@
+"""Parameters of a compiled arm by name, each with its unit, bounds and tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, MutableMapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hdagen.given import is_number
+from hdagen.opening import PlantError
+
+if TYPE_CHECKING:
+    from hdagen.plant import Arm
+
+
+class UnknownParameter(PlantError, KeyError):
+    """No parameter has that name: a PlantError to people, a KeyError to what treats the parameters as a mapping."""
+
+    __str__ = Exception.__str__  # a KeyError would quote the sentence
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the model; ``joint`` 0 is the whole arm.
+
+    ``effect``: whose amplitude or shape it is, None for one that no effect is about; ``role``: "base" (a key of the
+    robot file), "amplitude" or "shape"; ``typical``: the difference from nominal that is usually met, in ``unit``,
+    ``everywhere`` that of which every machine has a little, where that is another; ``starts``: of a shape, values from
+    which a search starts.
+    """
+
+    name: str
+    joint: int
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    tolerance: float
+    meaning: str
+    effect: str | None = None
+    role: str = "base"
+    typical: float | None = None
+    everywhere: float | None = None
+    starts: tuple[float, ...] = ()
+
+
+class Parameters(MutableMapping[str, float]):
+    """The arm's parameters by name; setting one takes effect at the next call. Values outside the bounds are
+    refused."""
+
+    def __init__(self, arm: Arm, described: dict[str, Parameter]) -> None:
+        self._arm, self.described = arm, described
+        self._place = {name: k for k, name in enumerate(described)}
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._arm.p[self._found(name)])
+
+    def __setitem__(self, name: str, value: float) -> None:
+        self.update({name: value})
+
+    def update(self, *given: Any, **more: float) -> None:
+        """Set several at once: all of them, or none and PlantError with every problem."""
+        values = dict(*given, **more)
+        problems = []
+        for name, value in values.items():
+            self._found(name)
+            described = self.described[name]
+            if not is_number(value) or not described.low <= value <= described.high:
+                problems.append(
+                    f"parameter {name}: {value} {described.unit} is not within [{described.low:g}, "
+                    f"{described.high:g}]; "
+                    "take a value inside, or change the robot file and build again."
+                )
+        if problems:
+            raise PlantError("\n".join(problems))
+        p = self._arm.p.copy()
+        for name, value in values.items():
+            p[self._found(name)] = value
+        self._arm._prepare(p)
+
+    def reset(self) -> None:
+        """Back to the robot file's values."""
+        self._arm._prepare(np.array([q.nominal for q in self.described.values()]))
+
+    def __delitem__(self, name: str) -> None:
+        raise PlantError("a parameter cannot be deleted; set its amplitude to 0.")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.described)
+
+    def __len__(self) -> int:
+        return len(self.described)
+
+    def _found(self, name: str) -> int:
+        if name not in self._place:
+            raise UnknownParameter(f"no parameter named {name}; there are {', '.join(self.described)}.")
+        return self._place[name]
