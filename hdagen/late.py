@@ -46,13 +46,11 @@ def read(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) 
     late as ``sensor_delay`` says. ``begins``: rows at which a path begins that knows nothing of the one before."""
     if not _ages(arm).any():
         return arm.outputs(x, u)
-    kept, prompt = arm.p.copy(), arm.p.copy()
+    prompt = arm.p.copy()
     for k, name in enumerate(arm.parameters.described):
         if name.startswith("sensor_delay_"):
             prompt[k] = 0.0
-    arm._prepare(prompt)
-    seen = arm.outputs(x, u)
-    arm._prepare(kept)
+    seen = arm.at(prompt).outputs(x, u)
     _delayed(arm, Path(time, begins), x, seen["joint_position"])
     return seen
 

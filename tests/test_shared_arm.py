@@ -21,7 +21,7 @@ from hdagen.plant import Arm
 from hdagen.replay import replay
 
 Builder = Callable[..., Compiled]
-EFFECTS = (*MEMORY, "current_loop_lag", "command_delay", "encoder_eccentricity", "contact")
+EFFECTS = (*MEMORY, "current_loop_lag", "command_delay", "encoder_eccentricity", "sensor_delay", "contact")
 EMPTY = {"schema": 1, "verdict": [], "causes": [], "parameters": {}}
 
 
@@ -31,7 +31,8 @@ def given(build: Builder, request: pytest.FixtureRequest) -> tuple[Arm, Log]:
     arm = Arm(build(request.param, effects=EFFECTS).folder)
     names = [name for name in arm.parameters if name.startswith("mass_")]
     arm.parameters.update({name: 1.1 * arm.parameters[name] for name in names})
-    arm.parameters.update({name: value for name, value in HYSTERESIS.items() if name in arm.parameters})
+    more = HYSTERESIS | {"sensor_delay_1": 2e-3, "sensor_delay_2": 2e-3}
+    arm.parameters.update({name: value for name, value in more.items() if name in arm.parameters})
     log = simulated(arm, 0.6)
     arm.c.flags.writeable = arm.p.flags.writeable = False
     return arm, log

@@ -221,14 +221,21 @@ class Sight:
         return Missing(motor * self.inertia(p), self.weighed(p, x, joint))
 
     def _whole(self, p: Array) -> Array:
-        u, x = self.inputs(p), self.states(p)
-        at = [self.arm.index(f"joint_position_{j}") for j in range(1, self.n + 1)]
-        speed = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.n + 1)]
-        seen = self.arm.at(p).evaluate(
-            "inverse_dynamics", q=x[:, at], v=x[:, speed], a=self.acceleration[1], tip_force=u[:, self.n :]
-        )
-        found = self.smooth(seen["motor_torque"] - u[:, : self.n] * torque_per_input(self.arm.at(p)))
+        given = self.inputs(p)[:, : self.n] * torque_per_input(self.arm.at(p))
+        found = self.smooth(self._asked(p)["motor_torque"] - given)
         return np.where(self.direction == 0, 0.0, found)  # what holds a joint at rest is not known
+
+    def _asked(self, p: Array) -> dict[str, Array]:
+        """What the inverse dynamics say of the measured motion under parameters ``p``, unfiltered."""
+        q, v = self._joints(self.states(p))
+        force = self.inputs(p)[:, self.n :]
+        return self.arm.at(p).evaluate("inverse_dynamics", q=q, v=v, a=self.acceleration[1], tip_force=force)
+
+    def _joints(self, x: Array) -> tuple[Array, Array]:
+        """Positions and velocities of the joints (K, n each) in states ``x`` (K, nx)."""
+        names = ([f"joint_{what}_{j}" for j in range(1, self.n + 1)] for what in ("position", "velocity"))
+        q, v = (x[:, [self.arm.index(name) for name in side]] for side in names)
+        return q, v
 
     def inertia(self, p: Array) -> Array:
         """Of the motors (n), kg m²."""
@@ -237,8 +244,7 @@ class Sight:
 
     def weighed(self, p: Array, x: Array, acceleration: Array) -> Array:
         """Torque at the links (K, n) that goes with an ``acceleration`` (K, n)."""
-        q = x[:, [self.arm.index(f"joint_position_{j}") for j in range(1, self.n + 1)]]
-        mass = self.arm.at(p).evaluate("mass_matrix", q=q)["M"].reshape(len(x), self.n, self.n)
+        mass = self.arm.at(p).evaluate("mass_matrix", q=self._joints(x)[0])["M"].reshape(len(x), self.n, self.n)
         return np.asarray(np.einsum("kij,kj->ki", mass, acceleration))
 
     def added(self, p: Array, less: Array) -> Missing:
@@ -260,14 +266,7 @@ class Sight:
 
     def link_torque(self, p: Array) -> Array:
         """What the links ask of the transmission along the measured motion (K, n), N m."""
-        x, u = self.states(p), self.inputs(p)
-        q, v = (
-            [self.arm.index(f"joint_{what}_{j}") for j in range(1, self.n + 1)] for what in ("position", "velocity")
-        )
-        seen = self.arm.at(p).evaluate(
-            "inverse_dynamics", q=x[:, q], v=x[:, v], a=self.acceleration[1], tip_force=u[:, self.n :]
-        )
-        return self.smooth(seen["joint_torque"])
+        return self.smooth(self._asked(p)["joint_torque"])
 
     def slope(self, p: Array) -> Array:
         """Stiffness of the springs (K, n) under that torque, N m/rad."""
@@ -279,14 +278,11 @@ class Sight:
 
     def read_error(self, p: Array, less: Array) -> Array:
         """By how much the joint encoders read more under ``p`` than under ``less`` (K, n), rad."""
-        x = self.states(p)
-        q, v = (
-            [self.arm.index(f"joint_{what}_{j}") for j in range(1, self.n + 1)] for what in ("position", "velocity")
-        )
-        read = []
-        for parameters in (p, less):
-            seen = self.arm.at(parameters).evaluate("encoders", q=x[:, q], v=x[:, v], a=self.acceleration[1])
-            read.append(seen["joint_position"])
+        q, v = self._joints(self.states(p))
+        read = [
+            self.arm.at(one).evaluate("encoders", q=q, v=v, a=self.acceleration[1])["joint_position"]
+            for one in (p, less)
+        ]
         return self.smooth(read[0] - read[1])
 
 
