@@ -15,11 +15,10 @@ from typing import Any
 
 import casadi as ca
 
-from gen import drive
+from gen import drive, sizes
 from gen.arm import Chain
 from gen.effect import Effect, Parameter, Port, Signals
 from gen.robot import Robot, parameters
-from gen.schema import keys
 
 SX = ca.SX
 
@@ -119,7 +118,7 @@ class Model:
             if key in drive.SPRINGS:  # where the springs' inverse keeps its error
                 low, high = v.nominal / drive.SPREAD, v.nominal * drive.SPREAD
             effect = amplitude_of.get(key)
-            typical = effect.sizes[key] * self.size(key, v.joint) if effect else None
+            typical = effect.sizes[key] * sizes.usual(self.robot, v.joint, key) if effect else None
             name = effect.name if effect else None
             found.append(
                 Quantity(v.name, v.joint, v.unit, v.nominal, low, high, v.tolerance, v.meaning, name, "base", typical)
@@ -165,20 +164,12 @@ class Model:
     def _factor(self, scale: str | None, j: int) -> float:
         """What a parameter's scale comes to at joint j."""
         over, _, under = (scale or "1").partition("/")
-        sizes = [1.0 if key in ("1", "") else self.size(key, j) for key in (over, under)]
-        return sizes[0] / sizes[1]
-
-    def size(self, key: str, j: int) -> float:
-        """Size of a key of joint j: its nominal, the key's width where that is 0; "largest_input": the input's
-        bound."""
-        if key == "largest_input":
-            return self.u_slots[j - 1].bound
-        value = getattr(self._drive(j), key, None)
-        return abs(value.nominal) if value is not None and value.nominal else keys("joint.drive")[key].width
+        top, bottom = (1.0 if key in ("1", "") else sizes.usual(self.robot, j, key) for key in (over, under))
+        return top / bottom
 
     def _x_slots(self) -> tuple[Slot, ...]:
         slots = []
-        for quantity, unit, size in (("position", "rad", 3.0), ("velocity", "rad/s", 10.0)):
+        for quantity, unit, size in (("position", "rad", sizes.POSITION), ("velocity", "rad/s", sizes.VELOCITY)):
             for j in self.flexible:
                 slots.append(Slot(f"motor_{quantity}_{j}", unit, size * abs(self._drive(j).ratio.nominal)))
             for j in self.joints:
@@ -190,11 +181,8 @@ class Model:
     def _u_slots(self) -> tuple[Slot, ...]:
         slots = []
         for j in self.joints:
-            d = self._drive(j)
-            if d.torque_constant is None:
-                slots.append(Slot(f"motor_torque_{j}", "N m", 10.0 * max(d.coulomb_friction.nominal, 0.1)))
-            else:
-                slots.append(Slot(f"motor_current_{j}", "A", d.max_current or 10.0))
+            name, unit = ("motor_torque", "N m") if self._drive(j).torque_constant is None else ("motor_current", "A")
+            slots.append(Slot(f"{name}_{j}", unit, sizes.largest_input(self.robot, j)))
         return (*slots, Slot("tip_force_x", "N", 100.0), Slot("tip_force_y", "N", 100.0))
 
     def _drive(self, j: int) -> Any:

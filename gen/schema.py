@@ -155,7 +155,9 @@ TABLE: tuple[Key, ...] = (
     Key(LIMITS, "position", Kind.RANGE, NO, "rad", Range(-1e4, 1e4), "joint position", otherwise="none", sliding="m"),
     Key(LIMITS, "speed", NUMBER, NO, "rad/s", above(0, 1e4), "joint speed", otherwise="none", sliding="m/s"),
     Key(LIMITS, "torque", NUMBER, NO, "N m", above(0, 1e6),
-        "joint torque (flexspline)", otherwise="the catalogue's repeated peak torque, else none", sliding="N"),
+        "joint torque (flexspline); without torque_constant the model is meant for inputs up to it, "
+        "and where it is not stated for ten times dry friction or what lifts the stretched arm swiftly, rounded",
+        otherwise="the catalogue's repeated peak torque, else none", sliding="N"),
     Key(LIMITS, "motor_torque_rate", NUMBER, NO, "N m/s", above(0, 1e9), "change of motor torque", otherwise="none"),
 
     Key(SENSOR, "motor_encoder_resolution", NUMBER, NO, "rad", Range(0, 10), "0 is exact", 0.0),

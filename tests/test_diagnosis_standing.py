@@ -11,7 +11,7 @@ import pytest
 from hdagen.diagnosis import standing
 from hdagen.diagnosis.decide import Decision, Hypothesis
 from hdagen.diagnosis.portion import Portion
-from hdagen.diagnosis.standing import ABOVE, MOST, _closes, doubted, worst
+from hdagen.diagnosis.standing import ABOVE, MOST, _closes, borne_out, doubted, known, worst
 from hdagen.log import Log
 from hdagen.replay import Replay
 
@@ -113,6 +113,43 @@ def test_a_verdict_that_closes_nothing_where_it_is_said_to_be_is_unknown(monkeyp
     assert doubted(given, given.verdict, replay(FAR), left(0.1, 1.0), HELD, seen)[0].verdict == ("unknown@2",)
     assert doubted(given, given.verdict, replay(FAR), left(1.0, 0.1), HELD, seen) == (given, None)
     assert doubted(given, (), replay(FAR), replay(FAR), HELD, seen) == (given, None)  # none is said: it was withdrawn
+
+
+def strange(probability: float) -> Decision:
+    """Something unknown at joint 1, a payload, and none, the latter two 3 to 1."""
+    fit: Any = "where it stands"
+    shares = ((("unknown@1",), probability), (("payload@2",), 0.75 * (1 - probability)), ((), 0.25 * (1 - probability)))
+    hypotheses = tuple(Hypothesis(names, share, None if "unknown@1" in names else fit) for names, share in shares)
+    return Decision(hypotheses, ("unknown@1",), probability, probability, fit)
+
+
+def test_what_is_known_is_said_without_what_is_not() -> None:
+    found = known(strange(0.9))
+    assert found.verdict == ("payload@2",) and found.stated == pytest.approx(0.75)
+    assert {h.names for h in found.hypotheses} == {("payload@2",), ()}
+    fit: Any = "where it stands"
+    bare = Decision((Hypothesis(("unknown@1",), 0.9, None), Hypothesis((), 0.1, fit)), ("unknown@1",), 0.9, 0.9, fit)
+    assert known(bare).verdict == ()
+
+
+@pytest.mark.parametrize(("most", "says"), [(0.02, True), (0.2, True), (0.5, False), (MOST, False), (1.0, False)])
+def test_what_known_effects_alone_close_is_not_unknown(most: float, says: bool) -> None:
+    """Of odds of 9 an effect that leaves half of the worst joint's errors leaves 2.8, one that leaves a fifth 0.07."""
+    given = strange(0.9)
+    for alone in (left(most, 0.01), left(0.01, most)):
+        found = borne_out(given, replay(FAR), alone, HELD)
+        assert found.verdict == (("payload@2",) if says else ("unknown@1",))
+        assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
+        unknown = sum(h.probability for h in found.hypotheses if h.unknown)
+        odds = 9.0 * min(most / MOST, 1.0) ** 4
+        assert unknown == pytest.approx(odds / (1 + odds), abs=0.05)  # but for the calibration
+        if not says:
+            assert found.best is given.best and found.stated == pytest.approx(odds / (1 + odds))
+
+
+def test_within_a_few_times_the_noise_nothing_is_unknown() -> None:
+    near = replay(dict.fromkeys(FAR, 0.9 * ABOVE))
+    assert borne_out(strange(0.999), replay(FAR), near, HELD).verdict == ("payload@2",)
 
 
 def test_what_is_unknown_already_is_left_as_it_is() -> None:

@@ -231,13 +231,13 @@ def dfki(data_dir: Path, out: Path, diagnose: Diagnose, log: str, held: str) -> 
 
 
 def test_the_double_pendulum_lacks_a_fast_torque_loop(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
-    """In the fast runs, where it shows; friction and rotor inertia are unknown beside it."""
+    """In the fast runs, where it shows; friction and rotor inertia are unknown beside it, and stay open."""
     found = dfki(data_dir, out, diagnose, "154220", "154548")
     assert {"current_loop_lag@1", "current_loop_lag@2"} <= set(found["verdict"])
     for joint in (1, 2):
         lag = cause(found, "current_loop_lag", joint)["parameters"]["current_lag"]["value"]
         assert 0.004 < lag < 0.02
-    assert found["gap"]["after"] < 0.55 * found["gap"]["before"]
+    assert found["gap"]["after"] < 0.6 * found["gap"]["before"]
 
 
 @missed("unknown: half of the usual torque stays unexplained in windows of 0.05 s whatever is named")

@@ -193,6 +193,8 @@ ratio = 10.0
 motor_inertia = 2e-5
 viscous_friction = 1e-4
 coulomb_friction = 0.005
+[joint.limits]
+torque = 10.0
 """
 
 

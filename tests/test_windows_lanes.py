@@ -21,6 +21,7 @@ ROBOTS = {
 }
 EDGES = np.array([[0, 60], [60, 100], [110, 150]], np.int32)  # the second goes on from the first, the third does not
 ROWS, HELD, ROUNDING = 150, 1e-3, 1e-12  # s; of each column's largest value
+SIZE = {"N m": 0.3, "A": 3.0}  # of the inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +56,9 @@ def lanes(arm: Compiled, count: int, seed: int = 1) -> Lanes:
     moving = np.array(["velocity" in name for name in arm.states])
     t = HELD * np.arange(ROWS)
     u = np.zeros((count, ROWS, len(arm.manifest["input"])))
-    size = np.array([slot["bound"] for slot in arm.manifest["input"][:n]])
+    size = np.array([SIZE[slot["unit"]] for slot in arm.manifest["input"][:n]])
     phase = rng.uniform(0, 6, (count, 1, n))
-    u[:, :, :n] = 0.3 * size * np.sin(2 * np.pi * rng.uniform(5, 12, (count, 1, n)) * t[:, None] + phase)
+    u[:, :, :n] = size * np.sin(2 * np.pi * rng.uniform(5, 12, (count, 1, n)) * t[:, None] + phase)
     begun = (0.02 * bound * rng.uniform(-1, 1, (count, len(EDGES), len(bound))))[..., : mechanical(arm)]
     for j in (j for j in range(1, n + 1) if f"motor_position_{j}" in arm.states):  # springs that are not wound up
         motor, joint = (arm.states.index(f"{side}_position_{j}") for side in ("motor", "joint"))

@@ -23,7 +23,7 @@ from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.standing import doubted, stands
+from hdagen.diagnosis.standing import borne_out, doubted, known, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
 from hdagen.log import Log, LogError
@@ -81,9 +81,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     with ThreadPoolExecutor(1) as aside:  # the search leaves half a core idle
         needs_no_verdict = aside.submit(without)
         found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
-        decision = decide(found)
-        if not decision.unknown and (refused := foreign(decision.best)):
-            raise LogError([f"{logs[0].source}: {refused}"])
+        decision = _own(decide(found), logs)
         say("replay of held-out motion")
         before, flexible = needs_no_verdict.result()
     alone = sure(arm, seen)
@@ -94,6 +92,8 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         arm = decided.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
         return decided, content, *stands(plain, arm, content, before, held_out, flexible, counted)
 
+    if decision.unknown and (without_it := known(decision)).verdict:
+        decision = _own(borne_out(decision, before, told(without_it)[3], held_out), logs)
     decision, content, changed, after = told(decision)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
     if doubt:
@@ -109,6 +109,13 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, sight)
+
+
+def _own(decision: Decision, logs: Sequence[Log]) -> Decision:
+    """The decision. Raises LogError where what it says is that the robot file is another machine's."""
+    if not decision.unknown and (refused := foreign(decision.best)):
+        raise LogError([f"{logs[0].source}: {refused}"])
+    return decision
 
 
 def _control(plain: Arm, changed: Arm, said: verdict.Verdict, log: Log) -> dict[str, Any] | None:

@@ -5,16 +5,17 @@ little of much that is tolerated stands in for it; elsewhere, and over longer wi
 looked at on the held-out motion, and the leading model with all that its fit has, what it names and what it tolerates:
 where both leave most of what every encoder of a joint errs by, something is at work that no effect explains. And where
 an effect is named of a joint and the verdict closes next to nothing there: that a little of much else does is not what
-is said.
+is said. The other way round: where known effects alone close most of it, what short windows leave is little.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 from hdagen import verdict
-from hdagen.diagnosis.decide import Decision, Hypothesis, decided
+from hdagen.diagnosis.decide import LEAST, Decision, Hypothesis, decided
 from hdagen.diagnosis.gap import by_channel, gap
 from hdagen.diagnosis.portion import Portion
 from hdagen.plant import Arm
@@ -77,13 +78,33 @@ def doubted(
     joint, share = worst(before, after, seen(_whole(decision)), held, {int(name.partition("@")[2]) for name in said})
     if share <= MOST:
         return decision, None
-    odds = (share / MOST) ** STEEPLY
-    unknown = odds / (1.0 + odds)
-    known = [h for h in decision.hypotheses if not h.unknown]
-    total = sum(h.probability for h in known)
-    shared = [Hypothesis(h.names, (1.0 - unknown) * h.probability / total, h.fit) for h in known]
-    other = decided([*shared, Hypothesis((f"unknown@{joint}",), unknown, None)], decision.best)
+    other = _at_odds(decision, (share / MOST) ** STEEPLY, joint)
     return other, {"verdict": list(decision.verdict), "joint": joint, "left": share}
+
+
+def known(decision: Decision) -> Decision:
+    """What would be said if there were nothing that no effect explains."""
+    return _at_odds(decision, 0.0, 1)
+
+
+def borne_out(decision: Decision, before: Replay, alone: Replay, held: Portion) -> Decision:
+    """The decision that something unknown is at work, its odds in view of what the `known` effects ``alone`` leave of
+    the errors ``before`` in what is ``held`` out, of the joint that has the largest share left: as they rise there with
+    what a verdict leaves, so they fall."""
+    share = max(_left(before, alone, held).values(), default=1.0)
+    odds = decision.stated / max(1.0 - decision.stated, LEAST)
+    (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
+    return _at_odds(decision, odds * min(share / MOST, 1.0) ** STEEPLY, joint)
+
+
+def _at_odds(decision: Decision, odds: float, joint: int) -> Decision:
+    """The decision at other ``odds`` that something unknown is at work, at a ``joint``."""
+    unknown = odds / (1.0 + odds)
+    named = [h for h in decision.hypotheses if not h.unknown]
+    total = sum(h.probability for h in named)
+    shared = [replace(h, probability=(1.0 - unknown) * h.probability / total) for h in named]
+    strange = [Hypothesis((f"unknown@{joint}",), unknown, None)] if unknown else []
+    return decided([*shared, *strange], decision.best)
 
 
 def _whole(decision: Decision) -> Arm:

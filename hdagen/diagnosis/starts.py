@@ -21,7 +21,8 @@ BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows that lie beyond a wall t
 SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in usual sizes
 SHARES = np.linspace(0.1, 1.0, 19)  # of an input effect, that are left to it beside another one
 SIZED = ("sensor_delay", "backlash_angle")  # read off well enough to be tried at that size
-FRICTION = 0.5  # of the usual input, that dry friction is taken for where nothing else is known
+FRICTION = 0.25  # of the usual input, that is usual of dry friction where nothing else is known
+SIZED_BY = {"N m": "coulomb_friction", "N": "coulomb_friction", "N m s": "viscous_friction", "N s": "viscous_friction"}
 LEAST = 0.1  # usual sizes, from which that is worth it
 WORTH = 0.99  # of the error of the current without the effect, below which a size is suggested
 
@@ -30,8 +31,8 @@ WORTH = 0.99  # of the error of the current without the effect, below which a si
 class Suggested:
     """``shapes``: values from which the search starts, by shape parameter, in place of the model's; ``sizes``: by how
     much an amplitude is moved for its column, in its unit; ``seen``: what can be read off the joints' torsion, from
-    which every hypothesis starts as far as it tolerates that, by parameter; ``units``: what is usual of a torque at a
-    motor, where the robot file gives no friction to go by, by parameter."""
+    which every hypothesis starts as far as it tolerates that, by parameter; ``units``: what is usual of torques and
+    friction at a motor, where the robot file gives none to go by, by parameter."""
 
     shapes: dict[str, tuple[float, ...]]
     sizes: dict[str, float]
@@ -52,19 +53,21 @@ def suggested(arm: Arm, record: Record) -> Suggested:
 
 
 def _units(arm: Arm, record: Record) -> dict[str, float]:
-    """Usual torques at motors whose robot file has no dry friction, on which those in the manifest would be based: as
-    if it were a share of the usual input."""
-    described, usual = arm.parameters.described, usual_torque(arm, record)
-    names = [
-        (f"{a}_{j}", FRICTION * usual[j - 1])
-        for effect in arm.manifest["effects"]
-        if effect["place"] == "motor"
-        for j in effect["joints"]
-        if j and usual[j - 1] > 0 and not described[f"coulomb_friction_{j}"].nominal
-        for a in effect["amplitudes"]
-    ]
-    torques = [(described[name], size) for name, size in names if name in described]
-    return {q.name: size * q.typical for q, size in torques if q.typical and q.unit in ("N m", "N")}
+    """What is usual of torques at motors whose robot file has no dry friction, and of friction that grows with speed
+    where it has none of that: in the manifest shares of the largest input, here as many of what the log's usual input
+    makes likely."""
+    described, usual, found = arm.parameters.described, usual_torque(arm, record), {}
+    for effect in arm.manifest["effects"]:
+        for j in effect["joints"] if effect["place"] == "motor" else ():
+            if not j or not usual[j - 1] > 0.0:
+                continue
+            scale = FRICTION * usual[j - 1] / float(described[f"coulomb_friction_{j}"].typical or np.inf)
+            for name in (f"{amplitude}_{j}" for amplitude in effect["amplitudes"]):
+                q = described.get(name)
+                sized = SIZED_BY.get(q.unit.replace("/rad", "").replace("²", "")) if q else None
+                if q and q.typical and sized and not described[f"{sized}_{j}"].nominal:
+                    found[name] = scale * q.typical
+    return found
 
 
 def _ends(arm: Arm, record: Record) -> dict[str, tuple[float, ...]]:
