@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, MutableMapping
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,12 @@ class Parameters(MutableMapping[str, float]):
     def __init__(self, arm: Arm, described: dict[str, Parameter]) -> None:
         self._arm, self.described = arm, described
         self._place = {name: k for k, name in enumerate(described)}
+
+    def of(self, arm: Arm) -> Parameters:
+        """The same of another ``arm`` of the same build."""
+        other = copy(self)
+        other._arm = arm
+        return other
 
     def __getitem__(self, name: str) -> float:
         return float(self._arm.p[self._found(name)])

@@ -89,7 +89,7 @@ class Arm:
         other = copy(self)
         other.c = np.empty_like(self.c)
         other._prepare(np.array(p, float))
-        other.parameters = Parameters(other, self.parameters.described)
+        other.parameters = self.parameters.of(other)
         return other
 
     def index(self, name: str) -> int:

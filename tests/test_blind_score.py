@@ -400,13 +400,19 @@ def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> N
         asked = Check(kind, len(some), seed, 2, 10.0, tmp_path)
         return dict(json.loads(written(report(asked, seal.Seal("ab" * 32, len(some)), some))))
 
-    whole, parts = check(rows, "s"), [check(rows[:10], "a"), check(rows[10:], "b")]
+    def but_for_time(combined: dict[str, Any]) -> dict[str, Any]:
+        return {name: figure for name, figure in combined["summary"].items() if name != "seconds"}
+
+    slower = [replace(one, seconds=3.0) for one in rows[10:]]
+    whole, parts = check(rows, "s"), [check(rows[:10], "a"), check(slower, "b")]
     together = rates.combined([*parts, check(_many("task"), "c", "task")])
     assert rates.combined([whole])[kind]["summary"] == whole["summary"]
-    assert together[kind]["summary"] == whole["summary"]
+    assert but_for_time(together[kind]) == but_for_time(whole)
+    assert together[kind]["summary"]["seconds"]["value"] == 3.0  # of the last check
+    assert together[kind]["summary"]["seconds"]["count"] == 14
     assert together[kind]["cases"] == 24 and [one["seed"] for one in together[kind]["checks"]] == ["a", "b"]
     grown = rates.combined([rates.combined([parts[0]]), parts[1]])
-    assert grown[kind]["summary"] == whole["summary"] and grown[kind]["rows"] == whole["rows"]
+    assert grown[kind]["summary"] == together[kind]["summary"] and grown[kind]["rows"] == together[kind]["rows"]
     bare = {kind: {key: value for key, value in grown[kind].items() if key not in ("rows", "without_rows")}}
     more = check(_many(kind)[3:], "more")
     for first in (rates.combined([bare]), bare):  # an earlier file that held no cases
@@ -414,7 +420,9 @@ def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> N
         exact = summary([*rows, *_many(kind)[3:]])
         assert of_both["cases"] == 45 and len(of_both["rows"]) == 21
         for name, figure in of_both["summary"].items():
-            if name in rates.NOT_COUNTED:
+            if name == "seconds":
+                assert figure["value"] == 1.0 and figure["count"] == 21
+            elif name in rates.NOT_COUNTED:
                 assert figure == whole["summary"][name]  # of those that are more
             else:
                 assert figure["count"] == exact[name].count

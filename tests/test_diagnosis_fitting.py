@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hdagen.diagnosis import fitting, scan, search
+from hdagen.diagnosis.bundle import Bundle
 from hdagen.diagnosis.candidates import Atom, Column, Dictionary
 from hdagen.diagnosis.evidence import TORQUES, laplace, posteriors, settled
 from hdagen.diagnosis.fitting import ENOUGH, STIFF, Fitted, advanced
@@ -35,6 +36,23 @@ def test_the_size_of_unexplained_torque_is_found_from_anywhere(true: float, near
     exact = max((settled(linear, spike, s) for s in TORQUES), key=lambda one: one.evidence)
     assert best.evidence == pytest.approx(exact.evidence, abs=1e-9)
     assert best.s == pytest.approx(true, rel=0.3, abs=0.05)
+
+
+@pytest.mark.parametrize("s", [0.0, 0.03, 1.0])
+@pytest.mark.parametrize("temperature", [1.0, 12.0])
+def test_many_residuals_at_once_are_each_as_alone(s: float, temperature: float) -> None:
+    """Loud windows among quiet ones, so that scales settle after more or fewer rounds."""
+    alone, rng, count = shaken(0.3), np.random.default_rng(5), 7
+    theta, spikes = rng.normal(size=(count, 3)), rng.uniform(0.01, 2.0, (count, 3))
+    loud = np.where(rng.random((count, 40)) < 0.2, rng.uniform(1.0, 100.0, (count, 40)), 1.0)
+    z, r2 = np.sqrt(loud)[..., None] * alone.z, loud * alone.r2
+    found = Bundle(alone.gram, z, r2, alone.rows, theta, temperature).evidences(s, spikes)
+    each = [
+        settled(Linear(alone.gram, *own, temperature), spike, s).evidence
+        for *own, spike in zip(z, r2, np.tile(alone.rows, (count, 1)), theta, spikes, strict=True)
+    ]
+    np.testing.assert_allclose(found, each, rtol=1e-9)
+    assert np.ptp(each) > 10.0
 
 
 def fit(evidence: float, ahead: float = 0.0, level: float = 1.0, **more: Any) -> Any:

@@ -6,7 +6,7 @@ python -m hdagen.blind.rates docs/blind.json
 
 A combined file may be combined with further checks. Of a kind whose cases it does not hold, shares and means are
 counted together from their figures; a median and an error of calibration cannot be, and are those of whichever cases
-are more.
+are more. How long a diagnosis takes is a matter of the version that ran, and told of the last check alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from hdagen.blind.words import WORDS, said
 
 NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
 MEANS = {"p_truth", "brier", "pair_f1"}
-NOT_COUNTED = {"calibration_error", "closed", "achieved", "seconds"}  # the others are shares
+NOT_COUNTED = {"calibration_error", "closed", "achieved"}  # the others are shares
 KEPT = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_hash")
 
 
@@ -52,6 +52,8 @@ def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         gone = [_figures(part["without_rows"] if "rows" in part else part["summary"]) for part in parts_of]
         before = _together([one for one in gone if one])
         figures = _together([one for one in (before, summary([_row(row) for row in rows])) if one])
+        if lasted := _lasted(parts_of[-1]):
+            figures["seconds"] = lasted
         found[kind] = {
             "cases": sum(part["cases"] for part in parts_of),
             "summary": {name: figure.json() for name, figure in figures.items()},
@@ -73,6 +75,13 @@ def _figures(stated: Mapping[str, Any]) -> dict[str, Figure]:
     return {name: one for name, one in found.items() if one is not None}
 
 
+def _lasted(part: Mapping[str, Any]) -> Figure | None:
+    """How long a diagnosis took in the last check of a part."""
+    if "summary" in part:
+        return _figure(part["summary"].get("seconds"))
+    return summary([_row(row) for row in part["rows"]]).get("seconds")
+
+
 def _together(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
     """Figures over the cases of all parts, by name."""
     if len(parts) == 1:
@@ -80,6 +89,8 @@ def _together(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
     found = {}
     for name in dict.fromkeys(name for part in parts for name in part):
         each = [part[name] for part in parts if name in part]
+        if name == "seconds":
+            continue
         if name in MEANS:
             found[name] = means_together(each)
         elif name in NOT_COUNTED:

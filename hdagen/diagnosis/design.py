@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from hdagen.diagnosis.bundle import Bundle
 from hdagen.diagnosis.candidates import Column, Dictionary
 from hdagen.diagnosis.linear import Gram, Linear
 from hdagen.diagnosis.record import usual_torque
@@ -64,22 +65,18 @@ class Design:
 
     @cached_property
     def _products(self) -> Linear:
-        return self.linears([self.point], self.residual[None])[0]
+        one = self.bundle([self.point], self.residual[None])
+        return Linear(self.gram, one.z[0], one.r2[0], one.rows, one.theta[0], TEMPERATURE)
 
-    def linears(self, points: Sequence[Point], residuals: Array) -> list[Linear]:
-        """`linear` in the same columns at other points with their ``residuals`` (B, R, M), all at once: each alone
-        would be a hundred small products."""
+    def bundle(self, points: Sequence[Point], residuals: Array) -> Bundle:
+        """The same columns at other points with their ``residuals`` (B, R, M)."""
         head, record = self.shooting.m + self.k, self.shooting.record
         theta = np.stack([self.words.theta(point.p) for point in points])
         r = residuals.reshape(len(points), -1) + theta @ self.columns[head:]
         z = np.stack([r[:, part] @ self.columns[:, part].T for part in self.parts], 1)
         begins = self.edges[:-1]
         told = np.add.reduceat(((record.noise / record.spread) ** 2).reshape(-1), begins)
-        left = np.add.reduceat(r**2, begins, axis=1)
-        return [
-            Linear(self.gram, products, own, told, at, TEMPERATURE)
-            for products, own, at in zip(z, left, theta, strict=True)
-        ]
+        return Bundle(self.gram, z, np.add.reduceat(r**2, begins, axis=1), told, theta, TEMPERATURE)
 
     @property
     def edges(self) -> np.ndarray:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import eigh
@@ -35,15 +36,23 @@ STILL = 0.05  # change of log κ² below which they are not
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """θ at one s and κ² (W): mean, or most probable within bounds (P), covariance (P, P), minus twice the log posterior
-    there but for the constant of its prior, log evidence."""
+    """θ at one s and κ² (W): mean, or most probable within bounds (P), minus twice the log posterior there but for the
+    constant of its prior, log evidence. The factor (P, P, lower) is that of the inverse covariance in units of the
+    prior's standard deviations ``spike`` (P)."""
 
     s: float
     kappa2: Array
     mean: Array
-    covariance: Array
+    factor: Array
+    spike: Array
     cost: float
     evidence: float
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of θ (P, P): few ask for it."""
+        inverse = dpotrs(self.factor, np.eye(len(self.spike)), lower=1)[0]
+        return np.asarray(inverse * (self.spike[:, None] * self.spike))
 
     def worth(self, prior: Array, own: Array) -> float:
         """Log evidence in which only the columns ``own`` pay Occam's factor: what all hypotheses have alike, a column
@@ -96,7 +105,7 @@ def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None
     none of the whole."""
     reduced, nearer = linear.reduced(float(s)), 1.0 / (1.0 + reach**2)
     kappa2, center = reduced.scaled(linear.chi2(float(s))), nearer * linear.theta
-    about, width = reduced.about(center), np.sqrt(1.0 - nearer) * spike
+    about, width = reduced.about(center) if nearer else reduced, np.sqrt(1.0 - nearer) * spike
     within = None if bounds is None else (bounds[0] - center, bounds[1] - center)
     for _ in range(SCALES):
         found = posterior(about, width, float(s), kappa2, within)
@@ -126,10 +135,8 @@ def laplace(
 ) -> Posterior:
     """A `posterior` from all windows together."""
     N, b = summed.N / temperature, summed.b / temperature
-    V = spike[:, None] * spike
-    factor = _factor(N * V)
-    covariance = dpotrs(factor, np.eye(len(spike)), lower=1)[0] * V
-    mean = covariance @ b
+    factor = _factor(N * (spike[:, None] * spike))
+    mean = spike * dpotrs(factor, spike * b, lower=1)[0]
     cost = (summed.log + max(summed.c - temperature * float(b @ mean), ROUNDED * abs(summed.c))) / temperature
     if bounds is not None:
         H = N + np.diag(1.0 / spike**2)
@@ -138,7 +145,7 @@ def laplace(
         cost += max(float(off @ H @ off), ROUNDED * float(np.abs(off) @ np.abs(H) @ np.abs(off)))
         mean = within
     widths = 2.0 * float(np.log(np.diagonal(factor)).sum())
-    return Posterior(s, kappa2, mean, covariance, cost, -0.5 * (cost + widths))
+    return Posterior(s, kappa2, mean, factor, spike, cost, -0.5 * (cost + widths))
 
 
 def _factor(M: Array) -> Array:

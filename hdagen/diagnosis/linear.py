@@ -97,6 +97,10 @@ class Gram:
         """First states eliminated, torques turned."""
         return Spectrum.of(self.products, self.m, self.k)
 
+    def freedom(self, rows: Array) -> Array:
+        """Degrees of freedom of windows (W) with so many rows of data."""
+        return np.maximum(rows - self.m, 1)
+
     def forget(self) -> None:
         """Let go of what can be had again from the products: it is several times as large."""
         self.kept.clear()
@@ -144,8 +148,7 @@ class Linear:
             weighted = turned * e.weights(s)
             b = own - np.einsum("wkp,wk->wp", e.told, weighted, optimize=True)
             self.kept[s] = b, self.r2 - (first**2).sum(1) - (turned * weighted).sum(1)
-        freedom = np.maximum(self.rows - self.m, 1)
-        return Reduced(self.gram.left(s), *self.kept[s], e.logdet(s), freedom, self.temperature)
+        return Reduced(self.gram.left(s), *self.kept[s], e.logdet(s), self.gram.freedom(self.rows), self.temperature)
 
     def chi2(self, s: float) -> Array:
         """What each window (W) leaves where it was measured, as `Reduced.chi2` has it."""
@@ -214,8 +217,7 @@ class Reduced:
 
     def scaled(self, left: Array) -> Array:
         """The same where each window leaves ``left`` (W)."""
-        chance = self.freedom * (1.0 + CHANCE * np.sqrt(2.0 / self.freedom))
-        return np.asarray(np.maximum(left / chance, 1.0) ** ROOT)
+        return scaled(left, self.freedom)
 
     def cost(self, theta: Array, prior: Array, kappa2: Array | None = None) -> float:
         """Minus twice the log posterior of θ under prior standard deviations ``prior`` (P), but for constants, with the
@@ -228,6 +230,12 @@ class Reduced:
             kappa2 = self.scaled(left)
         likelihood = float((left / kappa2 + self.freedom * np.log(kappa2)).sum())
         return likelihood / self.temperature + float((theta**2 / prior**2).sum())
+
+
+def scaled(left: Array, freedom: Array) -> Array:
+    """κ² of windows that leave ``left`` of so many degrees of freedom."""
+    chance = freedom * (1.0 + CHANCE * np.sqrt(2.0 / freedom))
+    return np.asarray(np.maximum(left / chance, 1.0) ** ROOT)
 
 
 @dataclass(frozen=True, eq=False)

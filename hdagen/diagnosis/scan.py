@@ -6,17 +6,18 @@ every effect is put into the model at a few sizes of either sign, with the base 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen.diagnosis.candidates import ORDER, Atom, Dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, residual
-from hdagen.diagnosis.evidence import Scored, settled
+from hdagen.diagnosis.evidence import Scored
 from hdagen.diagnosis.fitting import widths
-from hdagen.diagnosis.linear import Linear
 from hdagen.diagnosis.starts import shared
+from hdagen.plant import Array
 from hdagen.together import together
 
 SIZES = (-2.0, -0.7, 0.7, 2.0)  # usual sizes
@@ -48,19 +49,22 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
     ]
     seen = at.shooting.near(at.point.lane, [point.lane for _, point in tried])
 
-    def evidence(point: Point, linear: Linear, atoms: tuple[int, ...]) -> float:
+    def evidences(of: Sequence[tuple[tuple[int, ...], Point]], left: Array) -> Array:
+        """Log evidence where atoms stand at points with what that leaves, (B, R, M), in their best size of torque."""
+        bundle = base.bundle([point for _, point in of], left)
+        spikes = np.stack([widths(base, free(atoms), point) for atoms, point in of])
+        return np.max([bundle.evidences(s, spikes) for s in sizes], axis=0)
+
+    def free(atoms: tuple[int, ...]) -> NDArray[np.intp]:
         amplitudes = {name for k in atoms for name in words.atoms[k].amplitudes}
-        free = [i for i, c in enumerate(base.words.columns) if c.parameter in amplitudes and c.atom >= 0]
-        prior = widths(base, np.array(free, int), point)
-        return max(settled(linear, prior, s).evidence for s in sizes)
+        return np.array([i for i, c in enumerate(base.words.columns) if c.parameter in amplitudes and c.atom >= 0], int)
 
     def judged(some: slice) -> list[float]:
-        points = [point for _, point in tried[some]]
         left = np.stack([residual(at.shooting, read) for read in seen[some]])
-        linears = zip(tried[some], base.linears(points, left), strict=True)
-        return [evidence(point, linear, (*lead.atoms, k) if lead else ()) - none for (k, point), linear in linears]
+        of = [((*lead.atoms, k) if lead else (), point) for k, point in tried[some]]
+        return [float(value) - none for value in evidences(of, left)]
 
-    none = evidence(base.point, base.linear(), lead.atoms if lead else ())
+    (none,) = map(float, evidences([(lead.atoms if lead else (), base.point)], base.residual[None]))
     parts = [slice(first, first + AT_ONCE) for first in range(0, len(tried), AT_ONCE)]
     gains = [gain for part in together(judged, parts) for gain in part]
     found: dict[int, Start] = {}

@@ -1,0 +1,72 @@
+"""Many residuals in the same columns, each judged by itself, all at once.
+
+What `hdagen.diagnosis.evidence.settled` does for one of them is products of one large matrix with small vectors, window
+by window; for all of them these are products of matrices, which take a small part of the time.
+
+Legend: as in `hdagen.diagnosis.linear`; B residuals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.diagnosis.evidence import SCALES, STILL, laplace
+from hdagen.diagnosis.linear import ROUNDED, Gram, Summed, scaled
+from hdagen.plant import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """Columns with residuals: ``z`` the products with them (B, W, C), ``r2`` their own (B, W); ``rows`` of data (W);
+    ``theta`` where each was measured (B, P); ``temperature``: the likelihood counts as its root of that order."""
+
+    gram: Gram
+    z: Array
+    r2: Array
+    rows: Array
+    theta: Array
+    temperature: float
+
+    def evidences(self, s: float, spikes: Array) -> Array:
+        """Log evidence of each (B) with torques of size ``s`` unexplained, under prior standard deviations of its own
+        (B, P), the windows weighed anew until their scales stand."""
+        N, b, c = self._reduced(s)
+        windows, P = b.shape[:2]
+        freedom, logdet = self.gram.freedom(self.rows), self.gram.spectrum.logdet(s)
+
+        def scales(theta: Array, of: np.ndarray) -> Array:
+            """κ² (W, A) of some at θ (P, A)."""
+            told = np.einsum("wpa,pa->wa", b[..., of], theta)
+            own = np.einsum("wpa,pa->wa", (N.reshape(-1, P) @ theta).reshape(windows, P, -1), theta)
+            rounded = ROUNDED * (np.abs(c[:, of]) + 2 * np.abs(told) + np.abs(own))
+            return scaled(np.maximum(c[:, of] - 2 * told + own, rounded), freedom[:, None])
+
+        found, still = np.empty(len(self.z)), np.arange(len(self.z))
+        kappa2 = scales(self.theta.T, still)
+        for _ in range(SCALES):
+            weight, log = 1.0 / kappa2, logdet + freedom @ np.log(kappa2)
+            H = (weight.T @ N.reshape(windows, -1)).reshape(-1, P, P)
+            told, squares = np.einsum("wa,wpa->ap", weight, b[..., still]), (weight * c[:, still]).sum(0)
+            means = np.empty((P, len(still)))
+            for place, (k, *summed) in enumerate(zip(still, H, told, squares.tolist(), log.tolist(), strict=True)):
+                at = laplace(Summed(*summed), spikes[k], s, kappa2[:, place], None, self.temperature)
+                means[:, place], found[k] = at.mean, at.evidence
+            old, kappa2 = kappa2, scales(means, still)
+            moves = np.abs(np.log(kappa2 / old)).max(0) >= STILL
+            still, kappa2 = still[moves], kappa2[:, moves]
+            if not len(still):
+                break
+        return found
+
+    def _reduced(self, s: float) -> tuple[Array, Array, Array]:
+        """J'CJ (W, P, P), J'Cr (W, P, B) and r'Cr (W, B), first states and torques of size ``s`` eliminated."""
+        e, z = self.gram.spectrum, self.z.transpose(1, 2, 0)
+        m, k = self.gram.m, self.gram.k
+        first = np.linalg.solve(e.L, z[:, :m])
+        left = z[:, m:] - e.first.swapaxes(1, 2) @ first
+        turned = e.turn.swapaxes(1, 2) @ left[:, :k]
+        weighted = turned * e.weights(s)[..., None]
+        c = self.r2.T - (first**2).sum(1) - (turned * weighted).sum(1)
+        return self.gram.left(s), left[:, k:] - e.told.swapaxes(1, 2) @ weighted, c
