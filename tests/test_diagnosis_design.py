@@ -127,12 +127,13 @@ def test_points_that_are_looked_at_together_are_what_each_is_alone(shooting: Sho
         p[c.index] += (0.1 + k) * c.step * c.unit
         points.append(Point(p, at.point.begun))
     left = np.stack([residual(shooting, shooting.predict(Lane(point.p, point.begun))) for point in points])
-    for found, point, own in zip(at.linears(points, left), points, left, strict=True):
+    found = at.bundle(points, left)
+    for z, r2, own_theta, point, own in zip(found.z, found.r2, found.theta, points, left, strict=True):
         theta = words.theta(point.p)
         nominal = own.reshape(-1) + theta @ at.columns[shooting.m + at.k :]
-        np.testing.assert_allclose(found.z.sum(0), at.columns @ nominal, rtol=1e-9, atol=1e-9 * abs(found.z).max())
-        np.testing.assert_allclose(found.r2, [nominal[part] @ nominal[part] for part in at.parts], rtol=1e-10)
-        np.testing.assert_array_equal(found.theta, theta)
+        np.testing.assert_allclose(z.sum(0), at.columns @ nominal, rtol=1e-9, atol=1e-9 * abs(z).max())
+        np.testing.assert_allclose(r2, [nominal[part] @ nominal[part] for part in at.parts], rtol=1e-10)
+        np.testing.assert_array_equal(own_theta, theta)
         alone = at.moved(point).linear()
-        np.testing.assert_allclose(found.z, alone.z, rtol=1e-9, atol=1e-9 * abs(alone.z).max())
+        np.testing.assert_allclose(z, alone.z, rtol=1e-9, atol=1e-9 * abs(alone.z).max())
         np.testing.assert_array_equal(found.rows, alone.rows)
