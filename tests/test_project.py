@@ -157,7 +157,7 @@ def test_the_table_of_effects_is_current() -> None:
     assert found == [table()], "put what `python -m gen.effects_table` prints between the README's two markers"
 
 
-@pytest.mark.parametrize("document", ["README.md", "docs/blind.md"])
+@pytest.mark.parametrize("document", ["README.md", "docs/blind.md", "docs/diagnosis.md"])
 def test_the_rates_of_the_diagnosis_are_those_of_its_checks(document: str) -> None:
     text = (ROOT / document).read_text(encoding="utf-8")
     found = re.findall(r"^<!-- blind: begin -->\n(.*)^<!-- blind: end -->$", text, re.MULTILINE | re.DOTALL)
