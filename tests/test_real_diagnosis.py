@@ -230,14 +230,23 @@ def dfki(data_dir: Path, out: Path, diagnose: Diagnose, log: str, held: str) -> 
     return diagnose(f"dfki_{log}", "dfki_1_1", [logs[log]], [logs[held]])
 
 
-def test_the_double_pendulum_lacks_a_fast_torque_loop(data_dir: Path, out: Path, diagnose: Diagnose) -> None:
-    """In the fast runs, where it shows; friction and rotor inertia are unknown beside it, and stay open."""
-    found = dfki(data_dir, out, diagnose, "154220", "154548")
+@pytest.fixture(scope="module")
+def fast_pendulum(data_dir: Path, out: Path, diagnose: Diagnose) -> dict[str, Any]:
+    return dfki(data_dir, out, diagnose, "154220", "154548")
+
+
+def test_the_double_pendulum_lacks_a_fast_torque_loop(fast_pendulum: dict[str, Any]) -> None:
+    """In the fast runs, where it shows; friction and rotor inertia are unknown beside it."""
+    found = fast_pendulum
     assert {"current_loop_lag@1", "current_loop_lag@2"} <= set(found["verdict"])
     for joint in (1, 2):
         lag = cause(found, "current_loop_lag", joint)["parameters"]["current_lag"]["value"]
         assert 0.004 < lag < 0.02
-    assert found["gap"]["after"] < 0.6 * found["gap"]["before"]
+
+
+@missed("0.555 of it is left: viscous friction, which a file without any now has a usual size of, is not named")
+def test_what_the_fast_double_pendulum_lacks_closes_its_gap(fast_pendulum: dict[str, Any]) -> None:
+    assert fast_pendulum["gap"]["after"] < 0.55 * fast_pendulum["gap"]["before"]
 
 
 @missed("unknown: half of the usual torque stays unexplained in windows of 0.05 s whatever is named")

@@ -29,7 +29,7 @@ from hdagen.blind.words import WORDS, said
 
 NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
 MEANS = {"p_truth", "brier", "pair_f1"}
-NOT_COUNTED = {"calibration_error", "closed", "achieved"}  # the others are shares
+NOT_COUNTED = {"calibration_error", "closed", "achieved", "seconds"}  # the others are shares
 KEPT = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_hash")
 
 
@@ -89,8 +89,6 @@ def _together(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
     found = {}
     for name in dict.fromkeys(name for part in parts for name in part):
         each = [part[name] for part in parts if name in part]
-        if name == "seconds":
-            continue
         if name in MEANS:
             found[name] = means_together(each)
         elif name in NOT_COUNTED:

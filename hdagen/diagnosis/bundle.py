@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.diagnosis.evidence import SCALES, STILL, laplace
-from hdagen.diagnosis.linear import ROUNDED, Gram, Summed, scaled
+from hdagen.diagnosis.linear import Gram, Summed, left, scaled
 from hdagen.plant import Array
 
 
@@ -32,16 +32,14 @@ class Bundle:
     def evidences(self, s: float, spikes: Array) -> Array:
         """Log evidence of each (B) with torques of size ``s`` unexplained, under prior standard deviations of its own
         (B, P), the windows weighed anew until their scales stand."""
-        N, b, c = self._reduced(s)
+        spectrum, N = self.gram.spectrum, self.gram.left(s)
+        b, c = spectrum.residuals(spectrum.heard(self.z.transpose(1, 2, 0)), self.r2.T, s)
         windows, P = b.shape[:2]
-        freedom, logdet = self.gram.freedom(self.rows), self.gram.spectrum.logdet(s)
+        freedom, logdet = self.gram.freedom(self.rows), spectrum.logdet(s)
 
         def scales(theta: Array, of: np.ndarray) -> Array:
             """κ² (W, A) of some at θ (P, A)."""
-            told = np.einsum("wpa,pa->wa", b[..., of], theta)
-            own = np.einsum("wpa,pa->wa", (N.reshape(-1, P) @ theta).reshape(windows, P, -1), theta)
-            rounded = ROUNDED * (np.abs(c[:, of]) + 2 * np.abs(told) + np.abs(own))
-            return scaled(np.maximum(c[:, of] - 2 * told + own, rounded), freedom[:, None])
+            return scaled(left(N, b[..., of], c[:, of], theta), freedom[:, None])
 
         found, still = np.empty(len(self.z)), np.arange(len(self.z))
         kappa2 = scales(self.theta.T, still)
@@ -59,14 +57,3 @@ class Bundle:
             if not len(still):
                 break
         return found
-
-    def _reduced(self, s: float) -> tuple[Array, Array, Array]:
-        """J'CJ (W, P, P), J'Cr (W, P, B) and r'Cr (W, B), first states and torques of size ``s`` eliminated."""
-        e, z = self.gram.spectrum, self.z.transpose(1, 2, 0)
-        m, k = self.gram.m, self.gram.k
-        first = np.linalg.solve(e.L, z[:, :m])
-        left = z[:, m:] - e.first.swapaxes(1, 2) @ first
-        turned = e.turn.swapaxes(1, 2) @ left[:, :k]
-        weighted = turned * e.weights(s)[..., None]
-        c = self.r2.T - (first**2).sum(1) - (turned * weighted).sum(1)
-        return self.gram.left(s), left[:, k:] - e.told.swapaxes(1, 2) @ weighted, c

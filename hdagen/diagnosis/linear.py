@@ -65,6 +65,21 @@ class Spectrum:
         models of as many as they like can be compared."""
         return float(np.log1p(s**2 * self.power).sum()) + self.L.shape[1] * len(self.L)
 
+    def heard(self, z: Array) -> tuple[Array, Array, Array]:
+        """What products with residuals, z (W, C, B), tell first states (W, m, B), then the turned torques (W, k, B),
+        and parameters (W, P, B)."""
+        m, k = self.L.shape[1], self.turn.shape[1]
+        first = np.asarray(np.linalg.solve(self.L, z[:, :m]), float)
+        left = z[:, m:] - self.first.swapaxes(1, 2) @ first
+        return first, self.turn.swapaxes(1, 2) @ left[:, :k], left[:, k:]
+
+    def residuals(self, heard: tuple[Array, Array, Array], r2: Array, s: float) -> tuple[Array, Array]:
+        """J'Cr (W, P, B) and r'Cr (W, B) of residuals of which `heard` is known and ``r2`` (W, B), with torques of size
+        ``s`` eliminated, too."""
+        first, turned, own = heard
+        weighted = turned * self.weights(s)[..., None]
+        return own - self.told.swapaxes(1, 2) @ weighted, r2 - (first**2).sum(1) - (turned * weighted).sum(1)
+
     def left(self, s: float) -> Array:
         """J'CJ (W, P, P) with torques of size ``s`` eliminated, too."""
         return self.N if s == 0.0 else _less(self.N, self.told * np.sqrt(self.weights(s))[..., None])
@@ -144,10 +159,8 @@ class Linear:
         """With first states and torques of standard deviation ``s`` eliminated."""
         e = self.gram.spectrum
         if s not in self.kept:
-            first, turned, own = self._told
-            weighted = turned * e.weights(s)
-            b = own - np.einsum("wkp,wk->wp", e.told, weighted, optimize=True)
-            self.kept[s] = b, self.r2 - (first**2).sum(1) - (turned * weighted).sum(1)
+            b, c = e.residuals(self._heard, self.r2[:, None], s)
+            self.kept[s] = b[..., 0], c[:, 0]
         return Reduced(self.gram.left(s), *self.kept[s], e.logdet(s), self.gram.freedom(self.rows), self.temperature)
 
     def chi2(self, s: float) -> Array:
@@ -163,18 +176,14 @@ class Linear:
     def inner(self, s: float, theta: Array) -> tuple[Array, Array]:
         """Change of the first states (W, m) and torques (W, k), in their units, that go with θ."""
         e = self.gram.spectrum
-        first, turned, _ = self._told
+        first, turned = (part[..., 0] for part in self._heard[:2])
         torques = np.einsum("wij,wj->wi", e.turn, e.weights(s) * (turned - e.told @ theta))
         at = first - np.einsum("wmc,wc->wm", e.first, np.column_stack([torques, np.tile(theta, (len(torques), 1))]))
         return np.linalg.solve(e.L.swapaxes(1, 2), at[..., None])[..., 0], torques
 
     @cached_property
-    def _told(self) -> tuple[Array, Array, Array]:
-        """What the residual tells first states (W, m), then the turned torques (W, k), and parameters (W, P)."""
-        e = self.gram.spectrum
-        first = np.asarray(np.linalg.solve(e.L, self.z[:, : self.m, None])[..., 0], float)
-        left = self.z[:, self.m :] - np.einsum("wmc,wm->wc", e.first, first, optimize=True)
-        return first, np.einsum("wij,wi->wj", e.turn, left[:, : self.k]), left[:, self.k :]
+    def _heard(self) -> tuple[Array, Array, Array]:
+        return self.gram.spectrum.heard(self.z[..., None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,9 +215,7 @@ class Reduced:
 
     def chi2(self, theta: Array) -> Array:
         """What each window (W) leaves at θ, in units of noise, squared; no less than rounding leaves of its terms."""
-        told, own = self.b @ theta, self._times(theta) @ theta
-        rounded = ROUNDED * (np.abs(self.c) + 2 * np.abs(told) + np.abs(own))
-        return np.asarray(np.maximum(self.c - 2 * told + own, rounded))
+        return left(self.N, self.b[..., None], self.c[:, None], theta[:, None])[:, 0]
 
     def scales(self, theta: Array) -> Array:
         """κ² of each window (W) at θ: 1, or a root of what it leaves where chance does not leave as much: with the
@@ -230,6 +237,15 @@ class Reduced:
             kappa2 = self.scaled(left)
         likelihood = float((left / kappa2 + self.freedom * np.log(kappa2)).sum())
         return likelihood / self.temperature + float((theta**2 / prior**2).sum())
+
+
+def left(N: Array, b: Array, c: Array, theta: Array) -> Array:
+    """`Reduced.chi2` (W, B) of residuals with the same columns, b (W, P, B) and c (W, B), each at a θ of its own
+    (P, B)."""
+    told = np.einsum("wpb,pb->wb", b, theta)
+    own = np.einsum("wpb,pb->wb", (N.reshape(-1, len(theta)) @ theta).reshape(b.shape), theta)
+    rounded = ROUNDED * (np.abs(c) + 2 * np.abs(told) + np.abs(own))
+    return np.asarray(np.maximum(c - 2 * told + own, rounded))
 
 
 def scaled(left: Array, freedom: Array) -> Array:

@@ -22,7 +22,7 @@ SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in usual sizes
 SHARES = np.linspace(0.1, 1.0, 19)  # of an input effect, that are left to it beside another one
 SIZED = ("sensor_delay", "backlash_angle")  # read off well enough to be tried at that size
 FRICTION = 0.25  # of the usual input, that is usual of dry friction where nothing else is known
-SIZED_BY = {"N m": "coulomb_friction", "N": "coulomb_friction", "N m s": "viscous_friction", "N s": "viscous_friction"}
+SIZED_BY = {"N m": "coulomb_friction", "N m s/rad": "viscous_friction", "N m s²/rad²": "viscous_friction"}  # by unit
 LEAST = 0.1  # usual sizes, from which that is worth it
 WORTH = 0.99  # of the error of the current without the effect, below which a size is suggested
 
@@ -64,7 +64,7 @@ def _units(arm: Arm, record: Record) -> dict[str, float]:
             scale = FRICTION * usual[j - 1] / float(described[f"coulomb_friction_{j}"].typical or np.inf)
             for name in (f"{amplitude}_{j}" for amplitude in effect["amplitudes"]):
                 q = described.get(name)
-                sized = SIZED_BY.get(q.unit.replace("/rad", "").replace("²", "")) if q else None
+                sized = SIZED_BY.get(q.unit) if q else None
                 if q and q.typical and sized and not described[f"{sized}_{j}"].nominal:
                     found[name] = scale * q.typical
     return found
