@@ -11,12 +11,13 @@ from typing import Any
 
 from hdagen import verdict
 from hdagen.diagnosis.achievable import corrected
-from hdagen.diagnosis.beside import beside, sure
+from hdagen.diagnosis.beside import Sure, beside, sure
 from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.foreign import foreign
 from hdagen.diagnosis.ladder import ladder
+from hdagen.diagnosis.lasting import lasting
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.portion import SHARE, Portion, parted
 from hdagen.diagnosis.record import Record, record
@@ -34,6 +35,7 @@ from hdagen.together import together
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
+Told = tuple[Decision, dict[str, Any], Arm, Replay]  # what is said, diagnosis.json of it, the model and its replay
 BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 
 
@@ -86,14 +88,15 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         before, flexible = needs_no_verdict.result()
     alone = sure(arm, seen)
 
-    def told(decided: Decision) -> tuple[Decision, dict[str, Any], Arm, Replay]:
+    def told(decided: Decision) -> Told:
         decided = beside(decided, alone)
         content = findings(found, decided)
         arm = decided.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
         return decided, content, *stands(plain, arm, content, before, held_out, flexible, counted)
 
-    if decision.unknown and (without_it := known(decision)).verdict:
-        decision = _own(borne_out(decision, before, told(without_it)[3], held_out), logs)
+    if decision.unknown:
+        say("what works all the time")
+        decision = _own(_known_instead(decision, found, arm, shown, alone, told, before, flexible, held_out), logs)
     decision, content, changed, after = told(decision)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
     if doubt:
@@ -109,6 +112,28 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, sight)
+
+
+def _known_instead(
+    decision: Decision,
+    found: Search,
+    arm: Arm,
+    shown: Portion,
+    alone: Sequence[Sure],
+    told: Callable[[Decision], Told],
+    before: Replay,
+    flexible: Replay,
+    held_out: Portion,
+) -> Decision:
+    """The decision that something unknown is at work; or that known effects alone are, those that short windows tell or
+    else those that long ones do, where the held-out motion bears that out."""
+    for long in (False, True):
+        other = lasting(decision, found, arm, shown, alone) if long else decision
+        if other and (without_it := known(other)).verdict:
+            seen = borne_out(other, before, told(without_it)[3], flexible, held_out)
+            if not seen.unknown:
+                return seen
+    return decision
 
 
 def _own(decision: Decision, logs: Sequence[Log]) -> Decision:

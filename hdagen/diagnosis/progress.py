@@ -19,6 +19,7 @@ BEHIND = {
     "screening": 0.125,
     "going on with": 0.8,
     "replay of held-out motion": 0.84,
+    "what works all the time": 0.86,
     "what is tolerated": 0.88,
     "where and when": 0.96,
     "report": 0.97,

@@ -5,7 +5,8 @@ little of much that is tolerated stands in for it; elsewhere, and over longer wi
 looked at on the held-out motion, and the leading model with all that its fit has, what it names and what it tolerates:
 where both leave most of what every encoder of a joint errs by, something is at work that no effect explains. And where
 an effect is named of a joint and the verdict closes next to nothing there: that a little of much else does is not what
-is said. The other way round: where known effects alone close most of it, what short windows leave is little.
+is said. The other way round: where known effects alone close most of it, what short windows leave is little; and where
+no regression closes more, what is left has no structure that could be known.
 """
 
 from __future__ import annotations
@@ -87,14 +88,18 @@ def known(decision: Decision) -> Decision:
     return _at_odds(decision, 0.0, 1)
 
 
-def borne_out(decision: Decision, before: Replay, alone: Replay, held: Portion) -> Decision:
+def borne_out(decision: Decision, before: Replay, alone: Replay, flexible: Replay, held: Portion) -> Decision:
     """The decision that something unknown is at work, its odds in view of what the `known` effects ``alone`` leave of
     the errors ``before`` in what is ``held`` out, of the joint that has the largest share left: as they rise there with
-    what a verdict leaves, so they fall."""
-    share = max(_left(before, alone, held).values(), default=1.0)
+    what a verdict leaves, so they fall, and again where a ``flexible`` correction leaves more."""
+    left, others = (_left(before, one, held) for one in (alone, flexible))
+    worst_of = max(left, key=lambda j: left[j])
+    share = left[worst_of]
     odds = decision.stated / max(1.0 - decision.stated, LEAST)
+    for most in (MOST, min(max(others[worst_of], LEAST), MOST)):
+        odds *= min(share / most, 1.0) ** STEEPLY
     (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
-    return _at_odds(decision, odds * min(share / MOST, 1.0) ** STEEPLY, joint)
+    return _at_odds(decision, odds, joint)
 
 
 def _at_odds(decision: Decision, odds: float, joint: int) -> Decision:

@@ -1,0 +1,285 @@
+"""What works all the time, where short windows cannot tell it from what no effect explains.
+
+A torque that no effect explains, as of a rough gear or a drive that does not do as it is told, comes and goes within
+hundredths of a second: in short windows it hides what always works, over long ones it averages out. So where something
+unknown leads, effects are looked for once more, by what a plain simulation, with no torque of its own, errs by in long
+windows: one after another the one that lowers that most. Then those are let go that lower next to nothing in parts of
+the log that they are not fitted to, and those for which another effect would do nearly as well.
+
+An error that has begun goes on, so each window tells one number of a channel, whatever its rows. What is lowered is
+
+    W Σ_i log e_i² + Σ (θ / v)²,
+
+e_i the root mean square of the errors of channel i, the encoders of a joint being one, as a share of what the model
+errs by without any effect; θ sizes of the effects that are named, in what is usual (v = 1), and of the base parameters,
+within their tolerance v.
+
+Legend: W windows, S rows that are looked at, M channels, I of them with a joint's encoders as one, L lanes, C columns
+of the dictionary, P of those free in a set of effects; θ (C) is 0 but for these.
+Source: Ljung, System Identification (1999), 3.2 and 7.2 (simulation over a horizon as the error that is lowered).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hdagen.diagnosis.beside import Sure
+from hdagen.diagnosis.candidates import SLAB, Dictionary
+from hdagen.diagnosis.decide import Decision, Hypothesis
+from hdagen.diagnosis.design import Point
+from hdagen.diagnosis.fitting import begun
+from hdagen.diagnosis.portion import Mask, Portion
+from hdagen.diagnosis.record import record
+from hdagen.diagnosis.search import Search
+from hdagen.diagnosis.shooting import Lane, Shooting
+from hdagen.plant import Arm, Array
+from hdagen.replay import WINDOW
+
+SIZES = (0.5, 2.0)  # usual sizes that are tried of each effect
+TURN = 6  # directions of two amplitudes, a sine and a cosine
+AT_ONCE = 64  # lanes
+MOST = 3  # effects
+CLOSE = 3  # effects that are fitted in each round
+STEPS, FEW = 5, 2  # of a fit at most, and of one to parts of the log from where it stands
+REACHES = (1.0, 0.5, 0.25, 0.1)  # of a step
+NEAR = 0.1  # of a standard deviation, by which a size is moved for its column
+ENOUGH = 0.1  # of what is lowered, below which a step was the last
+ABOVE = 10.0  # multiples of the noise, from which on an error counts
+UNTOLD = 2 / 3  # of what an encoder errs by, from which on no set that leaves it is told: `hdagen.diagnosis.standing`
+FOLDS = 4  # parts of the log, each of which is told by what the others tell
+TENTH = -2.0 * float(np.log(0.9))  # of what is lowered, a window: by this much an effect must lower it
+ALIKE = 2.0 * float(np.log(100.0))  # of the same, by which another effect in its place must be behind
+
+
+def lasting(decision: Decision, found: Search, arm: Arm, shown: Portion, alone: Sequence[Sure]) -> Decision | None:
+    """The decision that something unknown is at work, with the effects of ``arm``, on which the search ``found``
+    nothing that tells it all, that long windows of what is ``shown`` tell as the most probable of what is known, beside
+    those that are sure ``alone``; None if they tell none. Raises LogError."""
+    p, places = arm.p.copy(), list(arm.parameters.described)
+    for name, value in (pair for one in alone for pair in one.parameters.items()):
+        p[places.index(name)] = value
+    seen = Lasting(Shooting(arm, record(arm, shown, WINDOW)), found.words, p)
+    told, *others = seen.found()
+    if not told.atoms:
+        return None
+    near = next(fit for fit in found.fitted if fit.design.shooting.arm is arm)  # another one may have springs
+    p = seen.at(told)
+    start = Point(p, near.design.shooting.begun(p))
+    fit = begun(near.design, found.words, told.atoms, near.score.at.s, start)
+    weights = {seen.name(one): float(np.exp(0.5 * (told.cost - one.cost))) for one in (*others, told)}
+    strange = [h for h in decision.hypotheses if h.unknown]
+    short = [h for h in decision.hypotheses if not h.unknown]
+    none = weights[()] / sum(h.probability for h in short)  # what short windows know, long ones do not bear out
+    weights |= {h.names: none * h.probability for h in short if h.names not in weights or not h.names}
+    whole = (1.0 - sum(h.probability for h in strange)) / sum(weights.values())
+    known = [Hypothesis(names, whole * w, fit if names == fit.names else None) for names, w in weights.items()]
+    return replace(decision, hypotheses=(*known, *strange), best=fit)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Effects (atoms of a dictionary) with sizes θ (C), the errors there (S, M), and what is lowered."""
+
+    atoms: tuple[int, ...]
+    theta: Array
+    errors: Array
+    cost: float
+
+
+@dataclass(eq=False)
+class Lasting:
+    """The search in the windows of ``shooting`` for effects among ``words``, about the parameters ``p`` (np)."""
+
+    shooting: Shooting
+    words: Dictionary
+    p: Array
+    tried: dict[tuple[int, ...], list[Model]] = field(init=False, default_factory=dict)  # further effects beside a set
+
+    def __post_init__(self) -> None:
+        record = self.shooting.record
+        kinds = [(j, "" if quantity.endswith("position") else quantity) for quantity, j in record.outputs]
+        self.channel = np.array([sorted(set(kinds)).index(kind) for kind in kinds])
+        self.window = np.repeat(np.arange(len(record.looked)), [len(rows) for rows in record.looked])
+        self.encoder = np.array([bool(not quantity) for _, quantity in sorted(set(kinds))])
+        # the noise of what is read of inputs is all that no loop explains, which counts as it is
+        self.usual, noise = np.ones(len(kinds)), record.noise * np.where(self.encoder[self.channel], ABOVE, 1.0)
+        self.usual = np.maximum(np.sqrt((self._errors([self.p])[0] ** 2).mean(0)), noise)
+        self.floor = self._joined((noise / self.usual)[None] ** 2)[0]
+
+    def found(self) -> list[Model]:
+        """The set of effects that is told, and those with another effect in the place of one of its, what lowers most
+        first; the last one has none."""
+        worth = TENTH * len(self.shooting.record.looked)
+        none = model = self._fitted(self._model((), np.zeros(len(self.words.columns))))
+        while len(model.atoms) < MOST:
+            further = self._further(model)
+            if not further or further[0].cost > model.cost - worth:
+                break
+            model = further[0]
+        while model.atoms and self._left(model.errors[None])[0][self.encoder].max() < UNTOLD**2:
+            gains = {k: self._gain(model, k) for k in model.atoms}
+            least = min(model.atoms, key=lambda k: gains[k])
+            others = {k: self._others(model, k) for k in model.atoms} if gains[least] > worth else {}
+            doubtful = [k for k, found in others.items() if found and found[0].cost < model.cost + ALIKE]
+            if others and not doubtful:
+                return [model, *(one for k in model.atoms for one in others[k]), none]
+            model = self._fitted(self._without(model, min(doubtful, key=lambda k: gains[k]) if doubtful else least))
+        return [none]
+
+    def name(self, model: Model) -> tuple[str, ...]:
+        """Its effects as name@joint, sorted."""
+        return tuple(sorted(self.words.atoms[k].name for k in model.atoms))
+
+    def at(self, model: Model) -> Array:
+        """The parameters (np) of a model, within their bounds."""
+        return self._placed(model.atoms, model.theta)
+
+    def _placed(self, atoms: Sequence[int], theta: Array) -> Array:
+        p, arm = self.p.copy(), self.shooting.arm
+        described = list(arm.parameters.described.values())
+        for k in atoms:
+            self.words.atoms[k].shape(arm, p)
+        for c, size in zip(self.words.columns, theta, strict=True):
+            if size:
+                q = described[c.index]
+                p[c.index] = min(max(p[c.index] + float(size) * c.unit, q.low), q.high)
+        return p
+
+    def _free(self, atoms: Sequence[int]) -> tuple[Array, Array]:
+        """Which columns (P) a model has, and their standard deviations (P)."""
+        free = [k for k, c in enumerate(self.words.columns) if c.base or c.atom in atoms]
+        wide = [SLAB if self.words.columns[k].atom in atoms else self.words.columns[k].spike for k in free]
+        return np.array(free, int), np.array(wide)
+
+    def _errors(self, points: Sequence[Array]) -> Array:
+        """What the channels err by (L, S, M) at some parameters, as a share of what is usual."""
+        record = self.shooting.record
+        seen = np.stack(self.shooting.all([Lane(p, self.shooting.begun(p)) for p in points]))
+        return np.asarray(np.clip(record.told - seen, -record.span, record.span) / self.usual)
+
+    def _joined(self, squares: Array) -> Array:
+        """Of all channels (L, M) those with a joint's encoders as one (L, I), on average."""
+        counts = np.bincount(self.channel)
+        return np.stack([np.bincount(self.channel, row) / counts for row in squares])
+
+    def _left(self, errors: Array, rows: Mask | slice = slice(None)) -> Array:
+        """Mean squares (L, I) of errors (L, S, M) in some ``rows``, no less than what counts."""
+        errors = errors[:, rows]
+        return np.maximum(self._joined(np.einsum("lsm,lsm->lm", errors, errors) / errors.shape[1]), self.floor)
+
+    def _told(self, errors: Array, rows: Mask | slice = slice(None)) -> Array:
+        """W Σ log e² (L) of errors (L, S, M) in some ``rows``."""
+        return np.asarray(len(np.unique(self.window[rows])) * np.log(self._left(errors, rows)).sum(1))
+
+    def _cost(self, atoms: Sequence[int], errors: Array, thetas: Array, rows: Mask | slice = slice(None)) -> Array:
+        """What is lowered (L) with errors (L, S, M) at sizes (L, C), in some ``rows`` alone."""
+        free, wide = self._free(atoms)
+        return np.asarray(self._told(errors, rows) + ((thetas[:, free] / wide) ** 2).sum(1))
+
+    def _model(self, atoms: tuple[int, ...], theta: Array) -> Model:
+        errors = self._errors([self._placed(atoms, theta)])
+        return Model(atoms, theta, errors[0], float(self._cost(atoms, errors, theta[None])[0]))
+
+    def _slopes(self, model: Model) -> Array:
+        """How the errors change with each size that is free (P, S, M)."""
+        free, wide = self._free(model.atoms)
+        steps = np.zeros((len(free), len(model.theta)))
+        steps[range(len(free)), free] = NEAR * wide * np.where(model.theta[free] < 0, -1.0, 1.0)
+        moved = self._errors([self._placed(model.atoms, model.theta + step) for step in steps])
+        return np.asarray((moved - model.errors) / steps.sum(1)[:, None, None])
+
+    def _steps(self, model: Model, slopes: Array, errors: Array, rows: Mask | slice = slice(None)) -> Array:
+        """Newton's steps of θ (L, C) from a model with other ``errors`` (L, S, M), by some ``rows`` alone."""
+        free, wide = self._free(model.atoms)
+        weight = 1.0 / (self._left(model.errors[None], rows)[0] * np.bincount(self.channel))[self.channel]
+        weight *= len(np.unique(self.window[rows])) / len(self.window[rows])
+        J = slopes[:, rows].reshape(len(free), -1)
+        weighted = (slopes[:, rows] * weight).reshape(len(free), -1)
+        told = errors[:, rows].reshape(len(errors), -1) @ weighted.T + model.theta[free] / wide**2
+        steps = np.zeros((len(errors), len(model.theta)))
+        steps[:, free] = -np.linalg.solve(weighted @ J.T + np.diag(wide**-2), told.T).T
+        return steps
+
+    def _fitted(self, model: Model, rows: Mask | slice = slice(None), steps: int = STEPS) -> Model:
+        """The same effects where they lower most, in some ``rows`` alone."""
+        model = replace(model, cost=float(self._cost(model.atoms, model.errors[None], model.theta[None], rows)[0]))
+        for _ in range(steps):
+            step = self._steps(model, self._slopes(model), model.errors[None], rows)[0]
+            thetas = model.theta + np.outer(REACHES, step)
+            errors = self._errors([self._placed(model.atoms, theta) for theta in thetas])
+            costs = self._cost(model.atoms, errors, thetas, rows)
+            nearest = int(np.argmin(costs))
+            gain = model.cost - float(costs[nearest])
+            if gain > 0:
+                model = Model(model.atoms, thetas[nearest], errors[nearest], float(costs[nearest]))
+            if gain < ENOUGH:
+                break
+        return model
+
+    def _further(self, model: Model) -> list[Model]:
+        """A fitted model with one more effect, those that promise most at one of their sizes; the best first."""
+        key = tuple(sorted(model.atoms))
+        if key not in self.tried:
+            self.tried[key] = self._promising(model)
+        return self.tried[key]
+
+    def _promising(self, model: Model) -> list[Model]:
+        options = [(k, size) for k in range(len(self.words.atoms)) if self._fits(model, k) for size in self._sizes(k)]
+        slopes, free = self._slopes(model), self._free(model.atoms)[0]
+        best: dict[str, tuple[float, int, Array]] = {}
+        for some in (options[k : k + AT_ONCE] for k in range(0, len(options), AT_ONCE)):
+            sized = [((*model.atoms, k), model.theta + size) for k, size in some]
+            errors = self._errors([self._placed(*one) for one in sized])
+            steps = self._steps(model, slopes, errors)  # all else goes where it is best beside it, if a line tells
+            there = errors + (steps[:, free] @ slopes.reshape(len(slopes), -1)).reshape(errors.shape)
+            for (atoms, theta), step, error in zip(sized, steps, there, strict=True):
+                promise = float(self._cost(atoms, error[None], (theta + step)[None])[0])
+                if promise < best.get(name := self.words.atoms[atoms[-1]].name, (np.inf,))[0]:
+                    best[name] = promise, atoms[-1], theta + step
+        ranked = sorted(best.values(), key=lambda one: one[0])[:CLOSE]
+        fitted = [self._fitted(self._model((*model.atoms, k), theta)) for _, k, theta in ranked]
+        return sorted(fitted, key=lambda one: one.cost)
+
+    def _fits(self, model: Model, k: int) -> bool:
+        """Whether atom k says something beside those of a model."""
+        atom, beside = self.words.atoms[k], [self.words.atoms[i] for i in model.atoms]
+        names = [b.name for b in beside]
+        there = atom.presupposes(self.shooting.arm) in (*names, None)
+        return there and atom.name not in names and not any(map(atom.twin, beside))
+
+    def _sizes(self, k: int) -> Iterator[Array]:
+        """Sizes θ (C) of atom k that are tried."""
+        own = self.words.free((k,))
+        turns = 2 * np.pi * np.arange(TURN) / TURN
+        two = np.column_stack([np.cos(turns), np.sin(turns)])
+        for way in two if len(own) == 2 else np.vstack([np.eye(len(own)), -np.eye(len(own))]):
+            for size in SIZES:
+                theta = np.zeros(len(self.words.columns))
+                theta[own] = size * way
+                yield theta
+
+    def _without(self, model: Model, k: int) -> Model:
+        """A model without one of its effects, all else as it is."""
+        theta = model.theta.copy()
+        theta[self.words.free((k,))] = 0.0
+        return self._model(tuple(i for i in model.atoms if i != k), theta)
+
+    def _others(self, model: Model, k: int) -> list[Model]:
+        """Models with another effect in the place of atom k, the best first."""
+        found = self._further(self._fitted(self._without(model, k)))
+        return [one for one in found if self.name(one) != self.name(model)]
+
+    def _gain(self, model: Model, k: int) -> float:
+        """By how much a model with atom k lowers Σ W log e² in parts of the log, each told by the others."""
+        return self._elsewhere(self._fitted(self._without(model, k))) - self._elsewhere(model)
+
+    def _elsewhere(self, model: Model) -> float:
+        """Σ W log e² of a fitted model over parts of the log, each as the others tell it."""
+        told = 0.0
+        for windows in np.array_split(np.unique(self.window), FOLDS):
+            part = np.isin(self.window, windows)
+            told += float(self._told(self._fitted(model, ~part, FEW).errors[None], part)[0])
+        return told
