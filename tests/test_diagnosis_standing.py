@@ -135,9 +135,9 @@ def test_what_is_known_is_said_without_what_is_not() -> None:
 @pytest.mark.parametrize(("most", "says"), [(0.02, True), (0.2, True), (0.5, False), (MOST, False), (1.0, False)])
 def test_what_known_effects_alone_close_is_not_unknown(most: float, says: bool) -> None:
     """Of odds of 9 an effect that leaves half of the worst joint's errors leaves 2.8, one that leaves a fifth 0.07."""
-    given = strange(0.9)
+    given, flexible = strange(0.9), replay(dict.fromkeys(FAR, 1.0))  # a regression tells it all: there is structure
     for alone in (left(most, 0.01), left(0.01, most)):
-        found = borne_out(given, replay(FAR), alone, HELD)
+        found = borne_out(given, replay(FAR), alone, flexible, HELD)
         assert found.verdict == (("payload@2",) if says else ("unknown@1",))
         assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
         unknown = sum(h.probability for h in found.hypotheses if h.unknown)
@@ -149,7 +149,19 @@ def test_what_known_effects_alone_close_is_not_unknown(most: float, says: bool) 
 
 def test_within_a_few_times_the_noise_nothing_is_unknown() -> None:
     near = replay(dict.fromkeys(FAR, 0.9 * ABOVE))
-    assert borne_out(strange(0.999), replay(FAR), near, HELD).verdict == ("payload@2",)
+    for flexible in (near, replay(FAR)):
+        assert borne_out(strange(0.999), replay(FAR), near, flexible, HELD).verdict == ("payload@2",)
+
+
+@pytest.mark.parametrize(
+    ("most", "flexible", "odds"),
+    [(0.5, 0.25, 2.85), (0.5, 0.5, 2.85), (0.5, 0.6, 1.37), (0.5, 5.0, 0.90), (0.7, 5.0, 9.0), (0.3, 0.1, 0.37)],
+)
+def test_where_no_regression_closes_more_less_of_it_is_unknown(most: float, flexible: float, odds: float) -> None:
+    """A regression that closes as little as counts as nothing is no witness."""
+    found = borne_out(strange(0.9), replay(FAR), left(0.01, most), left(0.9, flexible), HELD)
+    unknown = sum(h.probability for h in found.hypotheses if h.unknown)
+    assert unknown == pytest.approx(odds / (1 + odds), abs=0.05)
 
 
 def test_what_is_unknown_already_is_left_as_it_is() -> None:

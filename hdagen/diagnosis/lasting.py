@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hdagen.diagnosis.beside import Sure
+from hdagen.diagnosis.bounds import bounded
 from hdagen.diagnosis.candidates import SLAB, Dictionary
 from hdagen.diagnosis.decide import Decision, Hypothesis
 from hdagen.diagnosis.design import Point
@@ -37,6 +38,7 @@ from hdagen.diagnosis.search import Search
 from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.plant import Arm, Array
 from hdagen.replay import WINDOW
+from hdagen.verdict import REACH
 
 SIZES = (0.5, 2.0)  # usual sizes that are tried of each effect
 TURN = 6  # directions of two amplitudes, a sine and a cosine
@@ -66,7 +68,7 @@ def lasting(decision: Decision, found: Search, arm: Arm, shown: Portion, alone: 
     if not told.atoms:
         return None
     near = next(fit for fit in found.fitted if fit.design.shooting.arm is arm)  # another one may have springs
-    p = seen.at(told)
+    p = seen.at(seen.within(told))
     start = Point(p, near.design.shooting.begun(p))
     fit = begun(near.design, found.words, told.atoms, near.score.at.s, start)
     weights = {seen.name(one): float(np.exp(0.5 * (told.cost - one.cost))) for one in (*others, told)}
@@ -128,6 +130,14 @@ class Lasting:
                 return [model, *(one for k in model.atoms for one in others[k]), none]
             model = self._fitted(self._without(model, min(doubtful, key=lambda k: gains[k]) if doubtful else least))
         return [none]
+
+    def within(self, model: Model) -> Model:
+        """The same with the base parameters as far as a verdict may move them."""
+        theta = model.theta.copy()
+        free, wide = self._free(model.atoms)
+        base = [self.words.columns[k].atom not in model.atoms for k in free]
+        theta[free] = np.where(base, np.clip(theta[free], -REACH * wide, REACH * wide), theta[free])
+        return self._fitted(self._model(model.atoms, theta), reach=REACH)
 
     def name(self, model: Model) -> tuple[str, ...]:
         """Its effects as name@joint, sorted."""
@@ -191,23 +201,31 @@ class Lasting:
         moved = self._errors([self._placed(model.atoms, model.theta + step) for step in steps])
         return np.asarray((moved - model.errors) / steps.sum(1)[:, None, None])
 
-    def _steps(self, model: Model, slopes: Array, errors: Array, rows: Mask | slice = slice(None)) -> Array:
-        """Newton's steps of θ (L, C) from a model with other ``errors`` (L, S, M), by some ``rows`` alone."""
+    def _normal(
+        self, model: Model, slopes: Array, errors: Array, rows: Mask | slice = slice(None)
+    ) -> tuple[Array, Array]:
+        """Normal equations of Newton's steps of θ from a model with other ``errors`` (L, S, M), by some ``rows`` alone:
+        (P, P) and (L, P)."""
         free, wide = self._free(model.atoms)
         weight = 1.0 / (self._left(model.errors[None], rows)[0] * np.bincount(self.channel))[self.channel]
         weight *= len(np.unique(self.window[rows])) / len(self.window[rows])
         J = slopes[:, rows].reshape(len(free), -1)
         weighted = (slopes[:, rows] * weight).reshape(len(free), -1)
         told = errors[:, rows].reshape(len(errors), -1) @ weighted.T + model.theta[free] / wide**2
-        steps = np.zeros((len(errors), len(model.theta)))
-        steps[:, free] = -np.linalg.solve(weighted @ J.T + np.diag(wide**-2), told.T).T
-        return steps
+        return weighted @ J.T + np.diag(wide**-2), -told
 
-    def _fitted(self, model: Model, rows: Mask | slice = slice(None), steps: int = STEPS) -> Model:
-        """The same effects where they lower most, in some ``rows`` alone."""
+    def _fitted(
+        self, model: Model, rows: Mask | slice = slice(None), steps: int = STEPS, reach: float = np.inf
+    ) -> Model:
+        """The same effects where they lower most, in some ``rows`` alone, and what else is free within so many standard
+        deviations."""
         model = replace(model, cost=float(self._cost(model.atoms, model.errors[None], model.theta[None], rows)[0]))
+        free, wide = self._free(model.atoms)
+        most = np.where([self.words.columns[k].atom in model.atoms for k in free], np.inf, reach * wide)
         for _ in range(steps):
-            step = self._steps(model, self._slopes(model), model.errors[None], rows)[0]
+            H, (g,) = self._normal(model, self._slopes(model), model.errors[None], rows)
+            step, here = np.zeros_like(model.theta), model.theta[free]
+            step[free] = bounded(H, g, np.linalg.solve(H, g), (-most - here, most - here))
             thetas = model.theta + np.outer(REACHES, step)
             errors = self._errors([self._placed(model.atoms, theta) for theta in thetas])
             costs = self._cost(model.atoms, errors, thetas, rows)
@@ -233,7 +251,11 @@ class Lasting:
         for some in (options[k : k + AT_ONCE] for k in range(0, len(options), AT_ONCE)):
             sized = [((*model.atoms, k), model.theta + size) for k, size in some]
             errors = self._errors([self._placed(*one) for one in sized])
-            steps = self._steps(model, slopes, errors)  # all else goes where it is best beside it, if a line tells
+            H, g = self._normal(
+                model, slopes, errors
+            )  # all else goes where it is best beside it, as far as a line tells
+            steps = np.zeros((len(some), len(model.theta)))
+            steps[:, free] = np.linalg.solve(H, g.T).T
             there = errors + (steps[:, free] @ slopes.reshape(len(slopes), -1)).reshape(errors.shape)
             for (atoms, theta), step, error in zip(sized, steps, there, strict=True):
                 promise = float(self._cost(atoms, error[None], (theta + step)[None])[0])

@@ -1,0 +1,99 @@
+"""What works all the time: truths put into a motion that something unknown shakes are told, and nothing is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import arms
+import numpy as np
+import pytest
+from compiled import Compiled
+
+from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.lasting import Lasting
+from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.record import record
+from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.starts import suggested
+from hdagen.log import Log
+from hdagen.plant import Arm
+from hdagen.replay import WINDOW
+
+Builder = Callable[..., Compiled]
+RUBBING = arms.arm("R", rigid="r", drive="[joint.limits]\ntorque = 20.0")
+ROBOT = RUBBING.replace("coulomb_friction = 0.03", "coulomb_friction = 0.0")
+EFFECTS = ("load_dependent_friction", "asymmetric_friction", "current_bias", "cable_spring", "quadratic_friction")
+COUNT = 1e-4  # rad, of the encoder
+HELD, SHAKEN = 5, 0.3  # rows for which the unknown torque holds, and its rms as a share of the command's
+SECONDS = 10.0
+
+
+def shaken(arm: Arm, seed: int, **truth: float) -> Log:
+    """A log of an arm with ``truth`` among its parameters, under sines and a torque that changes all the time, of
+    which the command says nothing."""
+    rng, names = np.random.default_rng(seed), list(arm.parameters.described)
+    p = arm.p.copy()
+    for name, value in truth.items():
+        p[names.index(name)] = value
+    time = np.arange(0.0, SECONDS, 2e-3)
+    swing = np.sin(2 * np.pi * np.outer(time, [0.5, 0.9, 1.3]) + rng.uniform(0, 6, 3)) @ [0.6, 0.5, 0.3]
+    command = 0.25 * swing
+    beside = SHAKEN * command.std() * np.repeat(rng.standard_normal(len(time) // HELD), HELD)
+    u = np.zeros((len(time), arm.nu))
+    u[:, 0] = command + beside
+    x = arm.at(p).rollout(arm.rest([-np.pi / 2]), u[:-1], np.diff(time), exact=True)
+    q = x[:, arm.index("joint_position_1")]
+    columns = {"motor_torque_command_1": command, "joint_position_1": np.round(q / COUNT) * COUNT}
+    return Log(time, {name: np.ascontiguousarray(values) for name, values in columns.items()}, 1, "shaken")
+
+
+def told(arm: Arm, log: Log) -> tuple[tuple[str, ...], dict[str, float], float]:
+    """Names of what is told, the parameters with it, and what it leaves of the errors."""
+    seen = record(arm, Portion.whole(log), WINDOW)
+    lasting = Lasting(Shooting(arm, seen), dictionary(arm, suggested(arm, seen)), arm.p.copy())
+    best, *others = lasting.found()
+    assert not best.atoms or others[-1].atoms == ()
+    assert all(best.cost < one.cost for one in others)
+    values = dict(zip(arm.parameters.described, lasting.at(lasting.within(best)), strict=True))
+    return lasting.name(best), values, float(np.sqrt(np.mean(best.errors**2)))
+
+
+@pytest.fixture(scope="module")
+def arm(build: Builder) -> Arm:
+    return Arm(build(ROBOT, "native", EFFECTS).folder)
+
+
+TRUTHS = {
+    "coulomb_friction@1": {"coulomb_friction_1": 0.08},
+    "load_dependent_friction@1": {"load_share_1": 0.3},
+    "cable_spring@1": {"cable_stiffness_1": 4.0},
+}
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", TRUTHS)
+def test_what_works_all_the_time_is_told_beside_what_shakes(arm: Arm, name: str, seed: int) -> None:
+    names, values, left = told(arm, shaken(arm, seed, **TRUTHS[name]))
+    assert names == (name,)
+    for parameter, value in TRUTHS[name].items():
+        assert values[parameter] == pytest.approx(value, rel=0.15)
+    assert left < 0.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_what_only_shakes_nothing_is_told(arm: Arm, seed: int) -> None:
+    assert told(arm, shaken(arm, seed))[0] == ()
+
+
+def test_of_two_that_differ_at_standstill_alone_neither_is_told(build: Builder) -> None:
+    rubbing = Arm(build(RUBBING, "native", EFFECTS).folder)
+    names, _, _ = told(rubbing, shaken(rubbing, 0, bias_1=0.08))
+    assert not {"current_bias@1", "asymmetric_friction@1"} & set(names)
+    names, values, _ = told(rubbing, shaken(rubbing, 0, load_share_1=0.3))
+    assert names == ("load_dependent_friction@1",)
+    assert values["load_share_1"] == pytest.approx(0.3, rel=0.15)
+
+
+def test_the_same_log_tells_the_same_to_the_bit(arm: Arm) -> None:
+    log = shaken(arm, 1, coulomb_friction_1=0.08)
+    assert told(arm, log) == told(arm, log)
