@@ -11,7 +11,7 @@ from typing import Any
 
 from hdagen import verdict
 from hdagen.diagnosis.achievable import corrected
-from hdagen.diagnosis.beside import Sure, beside, sure
+from hdagen.diagnosis.beside import beside, sure
 from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
@@ -94,9 +94,18 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         arm = decided.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
         return decided, content, *stands(plain, arm, content, before, held_out, flexible, counted)
 
-    if decision.unknown:
+    def instead(strange: Decision) -> Decision | None:  # known effects alone, where the held-out motion bears that out
+        if not (without_it := known(strange)).verdict:
+            return None
+        tried = borne_out(strange, before, told(without_it)[3], flexible, held_out)
+        return None if tried.unknown else tried
+
+    if decision.unknown and not (better := instead(decision)):
         say("what works all the time")
-        decision = _own(_known_instead(decision, found, arm, shown, alone, told, before, flexible, held_out), logs)
+        lasts = lasting(decision, found, arm, shown, window, alone)
+        better = instead(lasts) if lasts else None
+    if decision.unknown:
+        decision = _own(better or decision, logs)
     decision, content, changed, after = told(decision)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
     if doubt:
@@ -112,28 +121,6 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out) | of_data
     return Diagnosis(str(robot), found, decision, content, before, after, held_out, sight)
-
-
-def _known_instead(
-    decision: Decision,
-    found: Search,
-    arm: Arm,
-    shown: Portion,
-    alone: Sequence[Sure],
-    told: Callable[[Decision], Told],
-    before: Replay,
-    flexible: Replay,
-    held_out: Portion,
-) -> Decision:
-    """The decision that something unknown is at work; or that known effects alone are, those that short windows tell or
-    else those that long ones do, where the held-out motion bears that out."""
-    for long in (False, True):
-        other = lasting(decision, found, arm, shown, alone) if long else decision
-        if other and (without_it := known(other)).verdict:
-            seen = borne_out(other, before, told(without_it)[3], flexible, held_out)
-            if not seen.unknown:
-                return seen
-    return decision
 
 
 def _own(decision: Decision, logs: Sequence[Log]) -> Decision:

@@ -47,7 +47,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "parameters": _base(best),
         "unseen": [name for name in told.unseen() if name not in decision.verdict],
         "method": {
-            "calibrated": True,
+            "calibrated": decision.best in found.fitted,  # what long windows tell is in no sealed check
             "uncalibrated": decision.stated,
             "present_from": PRESENT,
             "sure_below": SURE,

@@ -52,18 +52,25 @@ ENOUGH = 0.1  # of what is lowered, below which a step was the last
 ABOVE = 10.0  # multiples of the noise, from which on an error counts
 UNTOLD = 2 / 3  # of what an encoder errs by, from which on no set that leaves it is told: `hdagen.diagnosis.standing`
 FOLDS = 4  # parts of the log, each of which is told by what the others tell
+FEWEST = 2 * FOLDS  # windows
 TENTH = -2.0 * float(np.log(0.9))  # of what is lowered, a window: by this much an effect must lower it
 ALIKE = 2.0 * float(np.log(100.0))  # of the same, by which another effect in its place must be behind
 
 
-def lasting(decision: Decision, found: Search, arm: Arm, shown: Portion, alone: Sequence[Sure]) -> Decision | None:
+def lasting(
+    decision: Decision, found: Search, arm: Arm, shown: Portion, window: float, alone: Sequence[Sure]
+) -> Decision | None:
     """The decision that something unknown is at work, with the effects of ``arm``, on which the search ``found``
     nothing that tells it all, that long windows of what is ``shown`` tell as the most probable of what is known, beside
-    those that are sure ``alone``; None if they tell none. Raises LogError."""
+    those that are sure ``alone``; None if they tell none, or are too few, each being longer than those of ``window`` s
+    that were searched. Raises LogError."""
+    long = record(arm, shown, max(WINDOW, window))
+    if len(long.kept) < FEWEST:
+        return None
     p, places = arm.p.copy(), list(arm.parameters.described)
     for name, value in (pair for one in alone for pair in one.parameters.items()):
         p[places.index(name)] = value
-    seen = Lasting(Shooting(arm, record(arm, shown, WINDOW)), found.words, p)
+    seen = Lasting(Shooting(arm, long), found.words, p)
     told, *others = seen.found()
     if not told.atoms:
         return None
