@@ -92,6 +92,7 @@ def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
     atoms = tuple(Atom(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
     words = SimpleNamespace(atoms=atoms, free=list, theta=lambda p: p)
+    words.names = lambda some: tuple(sorted(atoms[k].name for k in some))
 
     def recalled(lane: Lane) -> tuple[None, Array]:
         assert lane.memory is None and lane.p.tolist() == stood  # all windows, where it stands

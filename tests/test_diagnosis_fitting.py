@@ -171,13 +171,13 @@ def test_who_promises_next_to_nothing_beside_the_leader_is_not_fitted(monkeypatc
 def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     most = 100.0
     gains = {"leading": most, "some": 1.1 * FAINTLY * most, "faint": 0.9 * FAINTLY * most}
-    words: Any = SimpleNamespace(atoms=[SimpleNamespace(name=name) for name in gains])
+    words: Any = SimpleNamespace(atoms=[SimpleNamespace(name=name) for name in gains], fits=lambda *given: True)
+    at: Any = SimpleNamespace(shooting=SimpleNamespace(arm=None))
     scored: Any = [SimpleNamespace(atoms=(), evidence=-7.0, at=SimpleNamespace(s=0.1))]
     scored += [SimpleNamespace(atoms=(k,), evidence=-7.0 + gain) for k, gain in enumerate(gains.values())]
-    monkeypatch.setattr(search, "_fits", lambda *given: True)
     monkeypatch.setattr(search, "begun", lambda at, words, atoms, near, start: atoms)
     assert gains["faint"] > WORTH
-    assert _promising(None, words, scored, {}, (), 9, WORTH) == [(0,), (1,)]  # type: ignore[arg-type, comparison-overlap]
+    assert _promising(at, words, scored, {}, (), 9, WORTH) == [(0,), (1,)]  # type: ignore[comparison-overlap]
 
 
 @pytest.mark.parametrize(("lacks", "rounds"), [(0.9 * OUTDONE, 3), (1.1 * OUTDONE, 0)])

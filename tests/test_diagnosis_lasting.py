@@ -55,7 +55,7 @@ def told(arm: Arm, log: Log) -> tuple[tuple[str, ...], dict[str, float], float]:
     assert not best.atoms or others[-1].atoms == ()
     assert all(best.cost < one.cost for one in others)
     values = dict(zip(arm.parameters.described, lasting.at(lasting.within(best)), strict=True))
-    return lasting.name(best), values, float(np.sqrt(np.mean(best.errors**2)))
+    return lasting.words.names(best.atoms), values, float(np.sqrt(np.mean(best.errors**2)))
 
 
 @pytest.fixture(scope="module")

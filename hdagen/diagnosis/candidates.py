@@ -10,7 +10,7 @@ Legend: an atom is an effect on a joint with its shape parameters at one of thei
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -162,6 +162,16 @@ class Dictionary:
     def base(self) -> Dictionary:
         """The columns that every hypothesis refits, alone."""
         return replace(self, columns=tuple(c for c in self.columns if c.base), meant=frozenset())
+
+    def names(self, atoms: Iterable[int]) -> tuple[str, ...]:
+        """Those of some atoms as name@joint, sorted."""
+        return tuple(sorted(self.atoms[k].name for k in atoms))
+
+    def fits(self, arm: Arm, k: int, lead: Iterable[int]) -> bool:
+        """Whether atom k says something beside the atoms of ``lead``."""
+        atom, beside = self.atoms[k], [self.atoms[i] for i in lead]
+        there = atom.presupposes(arm) in (*(b.name for b in beside), None)
+        return there and not any(map(atom.twin, beside))
 
     def focused(self, atoms: tuple[int, ...], every: bool = False) -> Dictionary:
         """The columns of one hypothesis: of its effects its own atoms, of the others the first (all with ``every``)."""

@@ -121,9 +121,8 @@ def decide(search: Search) -> Decision:
     evidence: dict[tuple[str, ...], float] = {}
     stands: dict[tuple[str, ...], Fitted] = {}  # each set in its own fit if that is done, else where it is worth most
     for fit in search.fitted:
-        atoms = fit.design.words.atoms
         for lesser in fit.lesser:
-            names = tuple(sorted(atoms[k].name for k in lesser))
+            names = fit.design.words.names(lesser)
             if (worth := fit.evidence(temperature, lesser)) > evidence.get(names, -np.inf):
                 evidence[names], stands[names] = worth, fit
     # a fit that was left on the way tells nothing of its set, where that is worth more within another one

@@ -100,11 +100,11 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         tried = borne_out(strange, before, told(without_it)[3], flexible, held_out)
         return None if tried.unknown else tried
 
-    if decision.unknown and not (better := instead(decision)):
-        say("what works all the time")
-        lasts = lasting(decision, found, arm, shown, window, alone)
-        better = instead(lasts) if lasts else None
     if decision.unknown:
+        if not (better := instead(decision)):
+            say("what works all the time")
+            lasts = lasting(decision, found, arm, shown, window, alone)
+            better = instead(lasts) if lasts else None
         decision = _own(better or decision, logs)
     decision, content, changed, after = told(decision)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)

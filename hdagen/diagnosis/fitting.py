@@ -126,7 +126,7 @@ class Fitted:
     @property
     def names(self) -> tuple[str, ...]:
         """Its effects as name@joint, sorted; empty for none."""
-        return tuple(sorted(self.design.words.atoms[k].name for k in self.atoms))
+        return self.design.words.names(self.atoms)
 
     @property
     def posterior(self) -> tuple[Array, Array]:

@@ -26,6 +26,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hdagen.diagnosis import standing
 from hdagen.diagnosis.beside import Sure
 from hdagen.diagnosis.bounds import bounded
 from hdagen.diagnosis.candidates import SLAB, Dictionary
@@ -49,8 +50,6 @@ STEPS, FEW = 5, 2  # of a fit at most, and of one to parts of the log from where
 REACHES = (1.0, 0.5, 0.25, 0.1)  # of a step
 NEAR = 0.1  # of a standard deviation, by which a size is moved for its column
 ENOUGH = 0.1  # of what is lowered, below which a step was the last
-ABOVE = 10.0  # multiples of the noise, from which on an error counts
-UNTOLD = 2 / 3  # of what an encoder errs by, from which on no set that leaves it is told: `hdagen.diagnosis.standing`
 FOLDS = 4  # parts of the log, each of which is told by what the others tell
 FEWEST = 2 * FOLDS  # windows
 TENTH = -2.0 * float(np.log(0.9))  # of what is lowered, a window: by this much an effect must lower it
@@ -71,18 +70,20 @@ def lasting(
     for name, value in (pair for one in alone for pair in one.parameters.items()):
         p[places.index(name)] = value
     seen = Lasting(Shooting(arm, long), found.words, p)
-    told, *others = seen.found()
-    if not told.atoms:
+    *sets, none = seen.found()
+    if not sets:
         return None
+    told = sets[0]
     near = next(fit for fit in found.fitted if fit.design.shooting.arm is arm)  # another one may have springs
     p = seen.at(seen.within(told))
     start = Point(p, near.design.shooting.begun(p))
     fit = begun(near.design, found.words, told.atoms, near.score.at.s, start)
-    weights = {seen.name(one): float(np.exp(0.5 * (told.cost - one.cost))) for one in (*others, told)}
+    weights = {found.words.names(one.atoms): float(np.exp(0.5 * (told.cost - one.cost))) for one in sets}
     strange = [h for h in decision.hypotheses if h.unknown]
     short = [h for h in decision.hypotheses if not h.unknown]
-    none = weights[()] / sum(h.probability for h in short)  # what short windows know, long ones do not bear out
-    weights |= {h.names: none * h.probability for h in short if h.names not in weights or not h.names}
+    # what short windows know, long ones do not bear out
+    share = float(np.exp(0.5 * (told.cost - none.cost))) / sum(h.probability for h in short)
+    weights |= {h.names: share * h.probability for h in short if h.names not in weights}
     whole = (1.0 - sum(h.probability for h in strange)) / sum(weights.values())
     known = [Hypothesis(names, whole * w, fit if names == fit.names else None) for names, w in weights.items()]
     return replace(decision, hypotheses=(*known, *strange), best=fit)
@@ -110,11 +111,13 @@ class Lasting:
     def __post_init__(self) -> None:
         record = self.shooting.record
         kinds = [(j, "" if quantity.endswith("position") else quantity) for quantity, j in record.outputs]
-        self.channel = np.array([sorted(set(kinds)).index(kind) for kind in kinds])
+        channels = sorted(set(kinds))
+        self.channel = np.array([channels.index(kind) for kind in kinds])
         self.window = np.repeat(np.arange(len(record.looked)), [len(rows) for rows in record.looked])
-        self.encoder = np.array([bool(not quantity) for _, quantity in sorted(set(kinds))])
+        self.encoder = np.array([not quantity for _, quantity in channels])
         # the noise of what is read of inputs is all that no loop explains, which counts as it is
-        self.usual, noise = np.ones(len(kinds)), record.noise * np.where(self.encoder[self.channel], ABOVE, 1.0)
+        noise = record.noise * np.where(self.encoder[self.channel], standing.ABOVE, 1.0)
+        self.usual = np.ones(len(kinds))
         self.usual = np.maximum(np.sqrt((self._errors([self.p])[0] ** 2).mean(0)), noise)
         self.floor = self._joined((noise / self.usual)[None] ** 2)[0]
 
@@ -128,14 +131,16 @@ class Lasting:
             if not further or further[0].cost > model.cost - worth:
                 break
             model = further[0]
-        while model.atoms and self._left(model.errors[None])[0][self.encoder].max() < UNTOLD**2:
-            gains = {k: self._gain(model, k) for k in model.atoms}
-            least = min(model.atoms, key=lambda k: gains[k])
-            others = {k: self._others(model, k) for k in model.atoms} if gains[least] > worth else {}
-            doubtful = [k for k, found in others.items() if found and found[0].cost < model.cost + ALIKE]
-            if others and not doubtful:
-                return [model, *(one for k in model.atoms for one in others[k]), none]
-            model = self._fitted(self._without(model, min(doubtful, key=lambda k: gains[k]) if doubtful else least))
+        while model.atoms and self._left(model.errors[None])[0][self.encoder].max() < standing.MOST**2:
+            whole, less = self._elsewhere(model), {k: self._fitted(self._without(model, k)) for k in model.atoms}
+            gains = {k: self._elsewhere(one) - whole for k, one in less.items()}
+            doubtful = [k for k in model.atoms if gains[k] <= worth]
+            if not doubtful:
+                others = {k: self._others(model, one) for k, one in less.items()}
+                doubtful = [k for k, found in others.items() if found and found[0].cost < model.cost + ALIKE]
+                if not doubtful:
+                    return [model, *(one for found in others.values() for one in found), none]
+            model = less[min(doubtful, key=lambda k: gains[k])]
         return [none]
 
     def within(self, model: Model) -> Model:
@@ -145,10 +150,6 @@ class Lasting:
         base = [self.words.columns[k].atom not in model.atoms for k in free]
         theta[free] = np.where(base, np.clip(theta[free], -REACH * wide, REACH * wide), theta[free])
         return self._fitted(self._model(model.atoms, theta), reach=REACH)
-
-    def name(self, model: Model) -> tuple[str, ...]:
-        """Its effects as name@joint, sorted."""
-        return tuple(sorted(self.words.atoms[k].name for k in model.atoms))
 
     def at(self, model: Model) -> Array:
         """The parameters (np) of a model, within their bounds."""
@@ -258,9 +259,7 @@ class Lasting:
         for some in (options[k : k + AT_ONCE] for k in range(0, len(options), AT_ONCE)):
             sized = [((*model.atoms, k), model.theta + size) for k, size in some]
             errors = self._errors([self._placed(*one) for one in sized])
-            H, g = self._normal(
-                model, slopes, errors
-            )  # all else goes where it is best beside it, as far as a line tells
+            H, g = self._normal(model, slopes, errors)  # all else goes where it is best beside it, if a line tells
             steps = np.zeros((len(some), len(model.theta)))
             steps[:, free] = np.linalg.solve(H, g.T).T
             there = errors + (steps[:, free] @ slopes.reshape(len(slopes), -1)).reshape(errors.shape)
@@ -274,10 +273,8 @@ class Lasting:
 
     def _fits(self, model: Model, k: int) -> bool:
         """Whether atom k says something beside those of a model."""
-        atom, beside = self.words.atoms[k], [self.words.atoms[i] for i in model.atoms]
-        names = [b.name for b in beside]
-        there = atom.presupposes(self.shooting.arm) in (*names, None)
-        return there and atom.name not in names and not any(map(atom.twin, beside))
+        new = self.words.atoms[k].name not in self.words.names(model.atoms)
+        return new and self.words.fits(self.shooting.arm, k, model.atoms)
 
     def _sizes(self, k: int) -> Iterator[Array]:
         """Sizes θ (C) of atom k that are tried."""
@@ -296,14 +293,10 @@ class Lasting:
         theta[self.words.free((k,))] = 0.0
         return self._model(tuple(i for i in model.atoms if i != k), theta)
 
-    def _others(self, model: Model, k: int) -> list[Model]:
-        """Models with another effect in the place of atom k, the best first."""
-        found = self._further(self._fitted(self._without(model, k)))
-        return [one for one in found if self.name(one) != self.name(model)]
-
-    def _gain(self, model: Model, k: int) -> float:
-        """By how much a model with atom k lowers Σ W log e² in parts of the log, each told by the others."""
-        return self._elsewhere(self._fitted(self._without(model, k))) - self._elsewhere(model)
+    def _others(self, model: Model, less: Model) -> list[Model]:
+        """Models with another effect in the place of the one that ``less`` lacks, the best first."""
+        names = self.words.names(model.atoms)
+        return [one for one in self._further(less) if self.words.names(one.atoms) != names]
 
     def _elsewhere(self, model: Model) -> float:
         """Σ W log e² of a fitted model over parts of the log, each as the others tell it."""

@@ -155,10 +155,10 @@ def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tu
     for one in lead.atoms:
         rest = tuple(i for i in lead.atoms if i != one)
         alone = lead.promised(rest) + WORTH * lead.excess  # what says nothing promises as much as the rest does
-        for k in (k for k in here if _fits(lead.design, words, rest, k)):
+        for k in (k for k in here if words.fits(lead.design.shooting.arm, k, rest)):
             twin = words.atoms[k].twin(words.atoms[one])
             promise = np.inf if twin else lead.promised((*rest, k))
-            names = tuple(sorted(words.atoms[i].name for i in (*rest, k)))
+            names = words.names((*rest, k))
             if promise > max(known.get(names, -np.inf), lead.reached - ALIKE * lead.excess, alone):
                 found.append((promise, (*rest, k)))
     return [atoms for _, atoms in sorted(found, reverse=True)[:MOST_ALIKE]]
@@ -259,7 +259,7 @@ def _promising(
     found: dict[str, tuple[float, int]] = {}
     linear = {s.atoms[-1]: s.evidence - alone.evidence for s in scored if len(s.atoms) > len(lead)}
     for k, gain in linear.items():
-        if not _fits(at, words, lead, k):
+        if not words.fits(at.shooting.arm, k, lead):
             continue
         at_size = starts[k].gain if k in starts else -np.inf
         name, best = words.atoms[k].name, max(gain, at_size)
@@ -273,13 +273,6 @@ def _promising(
         return begun(at, words, (*lead, k), alone.at.s, start)
 
     return together(begin, leading)
-
-
-def _fits(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> bool:
-    """Whether atom k says something beside the atoms of ``lead``."""
-    atom, beside = words.atoms[k], [words.atoms[i] for i in lead]
-    there = atom.presupposes(at.shooting.arm) in (*(b.name for b in beside), None)
-    return there and not any(map(atom.twin, beside))
 
 
 def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: Callable[[str], None]) -> list[Fitted]:
@@ -350,7 +343,8 @@ def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
     starts = {} if _clean(lead) else scan(full, full.words, lead.score)
     found = _promising(full, words, scored, starts, lead.atoms, FURTHER[0], WORTH * lead.excess)
     tried = {name for fit in found for name in fit.names}
-    brimming = [k for k in _brimming(lead) if words.atoms[k].name not in tried and _fits(full, words, lead.atoms, k)]
+    new = [k for k in _brimming(lead) if words.atoms[k].name not in tried]
+    brimming = [k for k in new if words.fits(full.shooting.arm, k, lead.atoms)]
     late = [k for k in others if k >= len(at.words.atoms)]
 
     def begin(k: int) -> Fitted:

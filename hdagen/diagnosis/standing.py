@@ -93,10 +93,9 @@ def borne_out(decision: Decision, before: Replay, alone: Replay, flexible: Repla
     the errors ``before`` in what is ``held`` out, of the joint that has the largest share left: as they rise there with
     what a verdict leaves, so they fall, and again where a ``flexible`` correction leaves more."""
     left, others = (_left(before, one, held) for one in (alone, flexible))
-    worst_of = max(left, key=lambda j: left[j])
-    share = left[worst_of]
+    at, share = max(left.items(), key=lambda one: one[1], default=(0, 1.0))
     odds = decision.stated / max(1.0 - decision.stated, LEAST)
-    for most in (MOST, min(max(others[worst_of], LEAST), MOST)):
+    for most in (MOST, min(max(others.get(at, 0.0), LEAST), MOST)):
         odds *= min(share / most, 1.0) ** STEEPLY
     (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
     return _at_odds(decision, odds, joint)
