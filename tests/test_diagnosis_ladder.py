@@ -105,5 +105,8 @@ def test_only_what_may_be_there_in_its_place_is_confounded_with_an_effect(name: 
         ("backlash@1", "torque_constant@2"): 0.06,
         (*verdict, "payload@2"): 0.04,
     }
-    decision: Any = SimpleNamespace(verdict=verdict, hypotheses=[Hypothesis(n, p, None) for n, p in sets.items()])
+    hypotheses = [Hypothesis(n, p, None) for n, p in sets.items()]
+    decision: Any = SimpleNamespace(verdict=verdict, hypotheses=hypotheses, beside={})
     assert (_instead(decision, name, other) > LIKELY) is instead
+    decision.beside = {name: {}}  # read off, and surely there
+    assert _instead(decision, name, other) == 0.0

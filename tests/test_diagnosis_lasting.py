@@ -47,10 +47,15 @@ def shaken(arm: Arm, seed: int, **truth: float) -> Log:
     return Log(time, {name: np.ascontiguousarray(values) for name, values in columns.items()}, 1, "shaken")
 
 
+def seen(arm: Arm, log: Log) -> Lasting:
+    """The search in the windows of a log."""
+    windows = record(arm, Portion.whole(log), WINDOW)
+    return Lasting(Shooting(arm, windows), dictionary(arm, suggested(arm, windows)), arm.p.copy())
+
+
 def told(arm: Arm, log: Log) -> tuple[tuple[str, ...], dict[str, float], float]:
     """Names of what is told, the parameters with it, and what it leaves of the errors."""
-    seen = record(arm, Portion.whole(log), WINDOW)
-    lasting = Lasting(Shooting(arm, seen), dictionary(arm, suggested(arm, seen)), arm.p.copy())
+    lasting = seen(arm, log)
     best, *others = lasting.found()
     assert not best.atoms or others[-1].atoms == ()
     assert all(best.cost < one.cost for one in others)
@@ -83,6 +88,17 @@ def test_what_works_all_the_time_is_told_beside_what_shakes(arm: Arm, name: str,
 @pytest.mark.parametrize("seed", range(3))
 def test_of_what_only_shakes_nothing_is_told(arm: Arm, seed: int) -> None:
     assert told(arm, shaken(arm, seed))[0] == ()
+
+
+def test_what_would_not_show_is_not_told_and_what_would_is(arm: Arm) -> None:
+    nothing = seen(arm, shaken(arm, 0))
+    unseen = nothing.unseen(nothing.found()[-1])
+    words = nothing.words
+    for effect in ("payload", "current_bias", "quadratic_friction", "cable_spring"):
+        own = [c for c in words.columns if c.atom >= 0 and words.atoms[c.atom].effect == effect]
+        names, _, _ = told(arm, shaken(arm, 0, **{c.parameter: c.center + c.unit for c in own}))
+        assert names == (() if f"{effect}@1" in unseen else (f"{effect}@1",))
+    assert unseen == ["payload@1"]  # the links' masses are tolerated as far
 
 
 def test_of_two_that_differ_at_standstill_alone_neither_is_told(build: Builder) -> None:

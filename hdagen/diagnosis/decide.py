@@ -59,7 +59,8 @@ class Hypothesis:
 class Decision:
     """All hypotheses, the most probable first; ``verdict`` as diagnosis.json has it, its ``probability``, and what that
     was before it was calibrated, ``stated``; ``best`` the fit it stands on. ``beside``: effects of the verdict that
-    no fit has and that are surely there, by name@joint, with the parameters that were read off."""
+    no fit has and that are surely there, by name@joint, with the parameters that were read off. ``unseen``: where long
+    windows told it, effects that they would not show in their usual size; what they tell is parted from all else."""
 
     hypotheses: tuple[Hypothesis, ...]
     verdict: tuple[str, ...]
@@ -67,6 +68,7 @@ class Decision:
     stated: float
     best: Fitted
     beside: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    unseen: tuple[str, ...] | None = None
 
     @property
     def sure(self) -> bool:

@@ -29,12 +29,14 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
     place = {atom.name: atom.place for fit in found.fitted for atom in fit.design.words.atoms}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
     likely = {name: decision.marginal(name) for name in named}
+    short = decision.unseen is None  # what long windows tell is told by them, and is in no sealed check
     told = Told(best if best.whole else first_whole(found.fitted), found.fitted[0].temperature)
+    unseen = told.unseen() if decision.unseen is None else decision.unseen
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
-        others = [o for o in likely if o != name and _instead(decision, name, o) > LIKELY]
-        others += told.beside(name) if name in decision.verdict and name in told.columns else []
+        others = [o for o in likely if _instead(decision, name, o) > LIKELY]
+        others += told.beside(name) if short and name in decision.verdict and name in told.columns else []
         others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
         causes.append(_cause(name, likely[name], _parameters(name, fit, decision), others))
     return {
@@ -45,9 +47,9 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "causes": causes,
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
         "parameters": _base(best),
-        "unseen": [name for name in told.unseen() if name not in decision.verdict],
+        "unseen": [name for name in unseen if name not in decision.verdict],
         "method": {
-            "calibrated": decision.best in found.fitted,  # what long windows tell is in no sealed check
+            "calibrated": short,
             "uncalibrated": decision.stated,
             "present_from": PRESENT,
             "sure_below": SURE,
@@ -59,7 +61,10 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
 
 
 def _instead(decision: Decision, name: str, other: str) -> float:
-    """The probability of another effect but for hypotheses in which it stands for something else of the verdict."""
+    """The probability of another effect but for hypotheses in which it stands for something else of the verdict; none
+    where the effect is surely there, whatever else is."""
+    if name == other or name in decision.beside:
+        return 0.0
     rest = set(decision.verdict) - {name} if name in decision.verdict else set()
     return sum(
         h.probability for h in decision.hypotheses if other in h.names and (name not in h.names or rest <= set(h.names))

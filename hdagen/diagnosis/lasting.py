@@ -75,7 +75,7 @@ def lasting(
         return None
     told = sets[0]
     near = next(fit for fit in found.fitted if fit.design.shooting.arm is arm)  # another one may have springs
-    p = seen.at(seen.within(told))
+    p = seen.at(model := seen.within(told))
     start = Point(p, near.design.shooting.begun(p))
     fit = begun(near.design, found.words, told.atoms, near.score.at.s, start)
     weights = {found.words.names(one.atoms): float(np.exp(0.5 * (told.cost - one.cost))) for one in sets}
@@ -86,7 +86,7 @@ def lasting(
     weights |= {h.names: share * h.probability for h in short if h.names not in weights}
     whole = (1.0 - sum(h.probability for h in strange)) / sum(weights.values())
     known = [Hypothesis(names, whole * w, fit if names == fit.names else None) for names, w in weights.items()]
-    return replace(decision, hypotheses=(*known, *strange), best=fit)
+    return replace(decision, hypotheses=(*known, *strange), best=fit, unseen=tuple(seen.unseen(model)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +114,7 @@ class Lasting:
         channels = sorted(set(kinds))
         self.channel = np.array([channels.index(kind) for kind in kinds])
         self.window = np.repeat(np.arange(len(record.looked)), [len(rows) for rows in record.looked])
+        self.worth = TENTH * len(record.looked)
         self.encoder = np.array([not quantity for _, quantity in channels])
         # the noise of what is read of inputs is all that no loop explains, which counts as it is
         noise = record.noise * np.where(self.encoder[self.channel], standing.ABOVE, 1.0)
@@ -124,17 +125,16 @@ class Lasting:
     def found(self) -> list[Model]:
         """The set of effects that is told, and those with another effect in the place of one of its, what lowers most
         first; the last one has none."""
-        worth = TENTH * len(self.shooting.record.looked)
         none = model = self._fitted(self._model((), np.zeros(len(self.words.columns))))
         while len(model.atoms) < MOST:
             further = self._further(model)
-            if not further or further[0].cost > model.cost - worth:
+            if not further or further[0].cost > model.cost - self.worth:
                 break
             model = further[0]
         while model.atoms and self._left(model.errors[None])[0][self.encoder].max() < standing.MOST**2:
             whole, less = self._elsewhere(model), {k: self._fitted(self._without(model, k)) for k in model.atoms}
             gains = {k: self._elsewhere(one) - whole for k, one in less.items()}
-            doubtful = [k for k in model.atoms if gains[k] <= worth]
+            doubtful = [k for k in model.atoms if gains[k] <= self.worth]
             if not doubtful:
                 others = {k: self._others(model, one) for k, one in less.items()}
                 doubtful = [k for k, found in others.items() if found and found[0].cost < model.cost + ALIKE]
@@ -253,36 +253,61 @@ class Lasting:
         return self.tried[key]
 
     def _promising(self, model: Model) -> list[Model]:
-        options = [(k, size) for k in range(len(self.words.atoms)) if self._fits(model, k) for size in self._sizes(k)]
-        slopes, free = self._slopes(model), self._free(model.atoms)[0]
+        slopes = self._slopes(model)
         best: dict[str, tuple[float, int, Array]] = {}
-        for some in (options[k : k + AT_ONCE] for k in range(0, len(options), AT_ONCE)):
+        for some in self._options(model, SIZES):
             sized = [((*model.atoms, k), model.theta + size) for k, size in some]
-            errors = self._errors([self._placed(*one) for one in sized])
-            H, g = self._normal(model, slopes, errors)  # all else goes where it is best beside it, if a line tells
-            steps = np.zeros((len(some), len(model.theta)))
-            steps[:, free] = np.linalg.solve(H, g.T).T
-            there = errors + (steps[:, free] @ slopes.reshape(len(slopes), -1)).reshape(errors.shape)
-            for (atoms, theta), step, error in zip(sized, steps, there, strict=True):
-                promise = float(self._cost(atoms, error[None], (theta + step)[None])[0])
+            settled = self._settled(model, slopes, self._errors([self._placed(*one) for one in sized]))
+            for (atoms, theta), (step, errors) in zip(sized, settled, strict=True):
+                promise = float(self._cost(atoms, errors[None], (theta + step)[None])[0])
                 if promise < best.get(name := self.words.atoms[atoms[-1]].name, (np.inf,))[0]:
                     best[name] = promise, atoms[-1], theta + step
         ranked = sorted(best.values(), key=lambda one: one[0])[:CLOSE]
         fitted = [self._fitted(self._model((*model.atoms, k), theta)) for _, k, theta in ranked]
         return sorted(fitted, key=lambda one: one.cost)
 
+    def unseen(self, model: Model) -> list[str]:
+        """Effects that would not be told though they were there in their usual size beside what is left with a model,
+        those that show least first."""
+        slopes = self._slopes(model)
+        lowered: dict[str, list[float]] = {}
+        for some in self._options(model, (1.0,)):
+            there = self._errors([self._placed((*model.atoms, k), model.theta + size) for k, size in some])
+            lacking = 2.0 * model.errors - there  # what the model would err by, had the log that effect
+            for (k, _), (step, errors) in zip(some, self._settled(model, slopes, lacking), strict=True):
+                cost = float(self._cost(model.atoms, errors[None], (model.theta + step)[None])[0])
+                lowered.setdefault(self.words.atoms[k].name, []).append(cost - model.cost)
+        shows = {name: float(np.mean(each)) for name, each in lowered.items()}
+        return sorted((name for name in shows if shows[name] <= self.worth), key=lambda name: (shows[name], name))
+
+    def _options(self, model: Model, sizes: Sequence[float]) -> Iterator[list[tuple[int, Array]]]:
+        """Atoms that say something beside a model, each with its θ (C) at some usual sizes, as many as run at once."""
+        fits = [k for k in range(len(self.words.atoms)) if self._fits(model, k)]
+        options = [(k, theta) for k in fits for theta in self._sizes(k, sizes)]
+        return (options[k : k + AT_ONCE] for k in range(0, len(options), AT_ONCE))
+
+    def _settled(self, model: Model, slopes: Array, errors: Array) -> Iterator[tuple[Array, Array]]:
+        """For other errors (L, S, M) than a model's, the step of θ (C) by which all that is free in it goes where it is
+        best, if a line tells, and the errors (S, M) there."""
+        free = self._free(model.atoms)[0]
+        H, g = self._normal(model, slopes, errors)
+        for one, step in zip(errors, np.linalg.solve(H, g.T).T, strict=True):
+            whole = np.zeros_like(model.theta)
+            whole[free] = step
+            yield whole, one + np.tensordot(step, slopes, 1)
+
     def _fits(self, model: Model, k: int) -> bool:
         """Whether atom k says something beside those of a model."""
         new = self.words.atoms[k].name not in self.words.names(model.atoms)
         return new and self.words.fits(self.shooting.arm, k, model.atoms)
 
-    def _sizes(self, k: int) -> Iterator[Array]:
-        """Sizes θ (C) of atom k that are tried."""
+    def _sizes(self, k: int, sizes: Sequence[float]) -> Iterator[Array]:
+        """θ (C) of atom k alone at some usual sizes, in all of its directions."""
         own = self.words.free((k,))
         turns = 2 * np.pi * np.arange(TURN) / TURN
         two = np.column_stack([np.cos(turns), np.sin(turns)])
         for way in two if len(own) == 2 else np.vstack([np.eye(len(own)), -np.eye(len(own))]):
-            for size in SIZES:
+            for size in sizes:
                 theta = np.zeros(len(self.words.columns))
                 theta[own] = size * way
                 yield theta

@@ -108,7 +108,7 @@ def _at_odds(decision: Decision, odds: float, joint: int) -> Decision:
     total = sum(h.probability for h in named)
     shared = [replace(h, probability=(1.0 - unknown) * h.probability / total) for h in named]
     strange = [Hypothesis((f"unknown@{joint}",), unknown, None)] if unknown else []
-    return decided([*shared, *strange], decision.best)
+    return replace(decided([*shared, *strange], decision.best), unseen=decision.unseen)
 
 
 def _whole(decision: Decision) -> Arm:
