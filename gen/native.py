@@ -296,16 +296,17 @@ def _constants_before(model: Model, lanes: tuple[Lane, ...], number: int) -> int
 
 
 def batch(graphs: Graphs) -> str:
-    """The right-hand sides over vectors of trajectories, smooth and set-valued, as a header that `hda_batch_step.h`
-    includes."""
-    chosen = [next(f for f in graphs.functions if f.name == name) for name in ("rhs", "rhs_exact")]
+    """The right-hand sides over vectors of trajectories, smooth and set-valued, and what holds motors at rest, as a
+    header that `hda_batch_step.h` includes."""
+    chosen = [next(f for f in graphs.functions if f.name == form.name) for form in forms(graphs)]
     return BATCH + "".join(_batched(f.graph) for f in chosen)
 
 
 def _batched(f: ca.Function) -> str:
-    """A rate over vectors of trajectories."""
+    """A function over vectors of trajectories."""
     operation = fast(vector_operation("hda_batch"), "hda_batch")
-    lines = body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda _, i: f"rate[{i}]", operation, "hda_batch")
-    arguments = ", ".join(f"const hda_batch *{f.name_in(k)}" for k in range(f.n_in()))
+    lines = body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]", operation, "hda_batch")
+    given = [f"const hda_batch *{f.name_in(k)}" for k in range(f.n_in())]
+    arguments = ", ".join([*given, *(f"hda_batch *{f.name_out(k)}" for k in range(f.n_out()))])
     text = "".join(f"    {line}\n" for line in lines)
-    return f"static inline void batch_{f.name()}({arguments}, hda_batch *rate) {{\n{text}}}\n\n"
+    return f"static inline void batch_{f.name()}({arguments}) {{\n{text}}}\n\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -162,6 +163,27 @@ def test_where_no_regression_closes_more_less_of_it_is_unknown(most: float, flex
     found = borne_out(strange(0.9), replay(FAR), left(0.01, most), left(0.9, flexible), HELD)
     unknown = sum(h.probability for h in found.hypotheses if h.unknown)
     assert unknown == pytest.approx(odds / (1 + odds), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("most", "flexible", "odds"),
+    [(0.5, 0.25, 45.6), (0.5, 0.4, 6.95), (0.5, 0.5, 2.85), (0.5, 0.6, 1.37), (0.3, 0.1, 29.9), (0.1, 0.1, 0.0046)],
+)
+def test_of_what_long_windows_tell_more_is_unknown_where_a_regression_closes_more(
+    most: float, flexible: float, odds: float
+) -> None:
+    given = replace(strange(0.9), unseen=("contact@1",))
+    found = borne_out(given, replay(FAR), left(0.01, most), left(0.9, flexible), HELD)
+    unknown = sum(h.probability for h in found.hypotheses if h.unknown)
+    assert unknown == pytest.approx(odds / (1 + odds), abs=0.05)
+    assert found.unseen == given.unseen and found.lasting
+
+
+@pytest.mark.parametrize("unseen", [None, ()])
+def test_where_no_encoder_erred_nothing_bears_out_what_is_known(unseen: tuple[str, ...] | None) -> None:
+    given, near = replace(strange(0.9), unseen=unseen), replay({})
+    silent = replace(near, errors={name: 0.0 if "position" in name else error for name, error in near.errors.items()})
+    assert borne_out(given, silent, silent, silent, HELD).unknown
 
 
 def test_what_is_unknown_already_is_left_as_it_is() -> None:

@@ -1,8 +1,8 @@
 /* Rollouts of windows that each begin anew, set-valued friction: one lane, or HDA_BATCH_WIDTH lanes in those of a vector.
  *
- * A lane is a simulation of all windows. In vectors all lanes take the plain step, in which every motor slides as it began to; a
- * lane of which a motor rests at the beginning, or has stopped or turned back by the end, takes hda_step_exact instead; so do all
- * where no more than a few slide.
+ * A lane is a simulation of all windows. In vectors all lanes take the plain step, in which every motor slides as it began to, or
+ * rests and dry friction holds it at the beginning and at the end; a lane of which a motor has given way, stopped or turned back
+ * takes hda_step_exact instead; so do all where no more than a few are left.
  */
 #include "hda.h"
 #include "hda_parts.h"
@@ -70,25 +70,44 @@ static void single(const hda_batch *from, int lane, const double *u, const doubl
     for (int i = 0; i < HDA_NX; i++) to[i][lane] = x[i];
 }
 
+/* Lanes in which dry friction holds every motor that rests, s being 0. */
+static __attribute__((noinline)) void held(const hda_batch *x, const hda_batch *u, const hda_batch *s, const hda_batch *c, hda_batch_bits *all) {
+    hda_batch hold[HDA_N], level[HDA_N], size;
+    batch_holding(x, u, s, c, hold, level);
+    for (int j = 0; j < HDA_N; j++) {
+        hda_batch_fabs(&hold[j], &size);
+        *all &= (hda_batch_bits)(s[j] != 0.0) | (hda_batch_bits)(size <= level[j]);
+    }
+}
+
 /* The set-valued step of all lanes; what becomes of those that are not `good` does not matter. */
 static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h, const hda_batch_bits *good, hda_batch *x) {
     hda_batch from[HDA_NX], s[HDA_N];
-    hda_batch_bits slides = *good;
-    int many = 0;
+    hda_batch_bits plain = *good, rests = {0};
+    int many = 0, resting = 0;
     for (int i = 0; i < HDA_NX; i++) from[i] = x[i];
     for (int j = 0; j < HDA_N; j++) {
         hda_batch_sign(&from[slide[j]], &s[j]);
-        slides &= (hda_batch_bits)(s[j] * s[j] > 0.0); /* neither 0 nor NaN */
+        plain &= (hda_batch_bits)(s[j] == s[j]);
+        rests |= (hda_batch_bits)(s[j] == 0.0);
     }
-    for (int lane = 0; lane < of->count; lane++) many -= (int)slides[lane];
+    rests &= plain;
+    for (int lane = 0; lane < of->count; lane++) resting |= (int)rests[lane];
+    if (resting) held(x, u, s, c, &plain);
+    for (int lane = 0; lane < of->count; lane++) many -= (int)plain[lane];
     if (many > FEW) {
         batch_step(x, u, s, c, h);
-        for (int j = 0; j < HDA_N; j++) slides &= ~(hda_batch_bits)(x[slide[j]] * s[j] < 0.0);
+        for (int j = 0; j < HDA_N; j++) {
+            const hda_batch_bits still = (hda_batch_bits)(s[j] == 0.0);
+            x[slide[j]] = (hda_batch)(~still & (hda_batch_bits)x[slide[j]]);
+            plain &= ~(hda_batch_bits)(x[slide[j]] * s[j] < 0.0);
+        }
+        if (resting) held(x, u, s, c, &plain);
     } else {
-        memset(&slides, 0, sizeof slides);
+        memset(&plain, 0, sizeof plain);
     }
     for (int lane = 0; lane < of->count; lane++) {
-        if (good[0][lane] && !slides[lane]) single(from, lane, of->u[lane] + k * HDA_NU, of->c[lane], h, x);
+        if (good[0][lane] && !plain[lane]) single(from, lane, of->u[lane] + k * HDA_NU, of->c[lane], h, x);
     }
 }
 

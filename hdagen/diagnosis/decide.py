@@ -76,6 +76,11 @@ class Decision:
         return 1.0 - self.probability <= SURE and not self.unknown
 
     @property
+    def lasting(self) -> bool:
+        """Whether long windows told it."""
+        return self.unseen is not None
+
+    @property
     def unknown(self) -> bool:
         """Whether something is said to be at work that no effect explains."""
         return any("unknown" in v for v in self.verdict)

@@ -29,14 +29,14 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
     place = {atom.name: atom.place for fit in found.fitted for atom in fit.design.words.atoms}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
     likely = {name: decision.marginal(name) for name in named}
-    short = decision.unseen is None  # what long windows tell is told by them, and is in no sealed check
     told = Told(best if best.whole else first_whole(found.fitted), found.fitted[0].temperature)
     unseen = told.unseen() if decision.unseen is None else decision.unseen
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
         others = [o for o in likely if _instead(decision, name, o) > LIKELY]
-        others += told.beside(name) if short and name in decision.verdict and name in told.columns else []
+        if name in decision.verdict and name in told.columns and not decision.lasting:
+            others += told.beside(name)
         others = [o for o in dict.fromkeys(others) if o not in decision.verdict]
         causes.append(_cause(name, likely[name], _parameters(name, fit, decision), others))
     return {
@@ -49,7 +49,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "parameters": _base(best),
         "unseen": [name for name in unseen if name not in decision.verdict],
         "method": {
-            "calibrated": short,
+            "calibrated": not decision.lasting,  # what long windows tell is in no sealed check
             "uncalibrated": decision.stated,
             "present_from": PRESENT,
             "sure_below": SURE,

@@ -91,12 +91,14 @@ def known(decision: Decision) -> Decision:
 def borne_out(decision: Decision, before: Replay, alone: Replay, flexible: Replay, held: Portion) -> Decision:
     """The decision that something unknown is at work, its odds in view of what the `known` effects ``alone`` leave of
     the errors ``before`` in what is ``held`` out, of the joint that has the largest share left: as they rise there with
-    what a verdict leaves, so they fall, and again where a ``flexible`` correction leaves more."""
+    what a verdict leaves, so they fall, and again where a ``flexible`` correction leaves more. Where one leaves less
+    there is a structure: short windows have looked for it, and of what long ones tell the odds rise."""
     left, others = (_left(before, one, held) for one in (alone, flexible))
     at, share = max(left.items(), key=lambda one: one[1], default=(0, 1.0))
+    beside = share / min(max(others.get(at, 0.0), LEAST), MOST)
     odds = decision.stated / max(1.0 - decision.stated, LEAST)
-    for most in (MOST, min(max(others.get(at, 0.0), LEAST), MOST)):
-        odds *= min(share / most, 1.0) ** STEEPLY
+    for ratio in (min(share / MOST, 1.0), beside if decision.lasting else min(beside, 1.0)):
+        odds *= ratio**STEEPLY
     (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
     return _at_odds(decision, odds, joint)
 
