@@ -20,7 +20,7 @@ from hdagen.pages.bars import Bars, bars
 from hdagen.pages.curves import Panel, Series, panels
 from hdagen.pages.page import Section
 from hdagen.pages.table import table
-from hdagen.replay import Replay
+from hdagen.replay import WINDOW, Replay
 
 SHOWN = 8  # candidates in the figures
 RARE = 1e-3  # probability below which a hypothesis is not listed
@@ -120,7 +120,7 @@ def _candidates(content: dict[str, Any]) -> Section:
     text = (
         "Every effect of the model was tried on every joint, with the base parameters refitted within their tolerance "
         "and every other effect within a small size. An effect below "
-        f"{100 * PRESENT:g} % of its usual size counts as none.\n\n{confounded(content)}"
+        f"{100 * PRESENT:g} % of its usual size counts as none.{_lasting(content)}\n\n{confounded(content)}"
     )
     if unseen := content["unseen"]:
         text += (
@@ -133,6 +133,16 @@ def _candidates(content: dict[str, Any]) -> Section:
     listed = [[name, p if float(p) >= NEVER else LITTLE] for name, p in rows[:named]]
     figures.append(table("Hypotheses", ["hypothesis", "probability"], listed, caption=rest))
     return Section("How sure", text, [*figures, *_alone(content)])
+
+
+def _lasting(content: dict[str, Any]) -> str:
+    """That long windows told the verdict, where they did."""
+    if content["method"]["calibrated"]:
+        return ""
+    return (
+        f"\n\nWindows of {WINDOW:g} s told this: shorter ones leave much unexplained, whatever is named. No sealed "
+        "check has such a case, so its probability is not calibrated."
+    )
 
 
 def _alone(content: dict[str, Any]) -> list[str]:
