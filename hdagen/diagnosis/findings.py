@@ -49,7 +49,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "parameters": _base(best),
         "unseen": [name for name in unseen if name not in decision.verdict],
         "method": {
-            "calibrated": not decision.lasting,  # what long windows tell is in no sealed check
+            "calibrated": not decision.lasting,  # sealed checks have too few such cases
             "uncalibrated": decision.stated,
             "present_from": PRESENT,
             "sure_below": SURE,

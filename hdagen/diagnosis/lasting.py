@@ -75,7 +75,8 @@ def lasting(
         return None
     told = sets[0]
     near = next(fit for fit in found.fitted if fit.design.shooting.arm is arm)  # another one may have springs
-    p = seen.at(model := seen.within(told))
+    model = seen.within(told)
+    p = seen.at(model)
     start = Point(p, near.design.shooting.begun(p))
     fit = begun(near.design, found.words, told.atoms, near.score.at.s, start)
     weights = {found.words.names(one.atoms): float(np.exp(0.5 * (told.cost - one.cost))) for one in sets}
