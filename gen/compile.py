@@ -5,10 +5,14 @@ from __future__ import annotations
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -111,16 +115,42 @@ def library(folder: Path, sources: list[str], profile: str, name: str, kept: Pat
     compiler = find()
     made = [source.replace(".c", ".o") for source in sources]
     pool, over = ThreadPoolExecutor(max_workers=2), Event()
-    try:
-        for done in [pool.submit(_object, folder, source, profile, kept, over) for source in sources]:
-            done.result()
-    finally:
-        over.set()  # after an error or an interrupt nothing more is begun, and what runs is ended
-        pool.shutdown(cancel_futures=True)
+    with _interrupt_sets(over):
+        try:
+            for done in [pool.submit(_object, folder, source, profile, kept, over) for source in sources]:
+                while not wait([done], timeout=0.1).done:  # an interrupt just before a wait is heard only after it
+                    continue
+                done.result()
+        finally:
+            over.set()  # after an error nothing more is begun, and what runs is ended
+            pool.shutdown(cancel_futures=True)
     shared = ("-dynamiclib", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
     _run((*compiler.command, *shared, "-o", name, *made, "-lm"), folder / name)
     for o in made:
         (folder / o).unlink()
+
+
+@contextmanager
+def _interrupt_sets(over: Event) -> Iterator[None]:
+    """An interrupt sets ``over`` at once and is raised at the end: raised amid what threads share, it could leave a
+    lock that all the others wait for."""
+    heard = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or heard is not signal.default_int_handler:
+        yield
+        return
+    came = []
+
+    def hear(*_: object) -> None:
+        came.append(True)
+        over.set()
+
+    signal.signal(signal.SIGINT, hear)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, heard)
+        if came:
+            raise KeyboardInterrupt
 
 
 def _object(folder: Path, source: str, profile: str, kept: Path, over: Event) -> None:

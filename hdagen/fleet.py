@@ -190,7 +190,9 @@ def diagnose(
     waiting: set[Future[Result]] = set(futures)
     try:
         while waiting:
-            ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            ended, waiting = wait(waiting, _LOOK, FIRST_COMPLETED)  # an interrupt just before is heard after
+            if not ended:
+                continue
             done = len(todo) - len(waiting)
             left = (time.monotonic() - begun) / done * len(waiting)
             names = ", ".join(f"{f.result().machine.name}: {f.result().status.value}" for f in ended)

@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -109,21 +110,38 @@ def test_an_interrupted_build_leaves_nothing(
 ) -> None:
     stub, out = stub_compiler(tmp_path, sleep=600), tmp_path / "build"
     command = [*GEN, "build", str(robot), "--out", str(out)]
-    child = subprocess.Popen(
+    with subprocess.Popen(
         command, env=os.environ | {"CC": str(stub)}, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    until = time.monotonic() + 60
-    while not (tmp_path / "commands").exists() and time.monotonic() < until:
-        time.sleep(0.01)
-    interrupt(child.pid, signal.SIGINT)
-    try:
-        _, said = child.communicate(timeout=60)
-    finally:
-        with contextlib.suppress(ProcessLookupError):  # what the compilers had started
-            os.killpg(child.pid, signal.SIGKILL)
+    ) as child:
+        try:
+            until = time.monotonic() + 60
+            while not (tmp_path / "commands").exists() and time.monotonic() < until:
+                time.sleep(0.01)
+            interrupt(child.pid, signal.SIGINT)
+            _, said = child.communicate(timeout=60)
+        finally:
+            with contextlib.suppress(ProcessLookupError):  # what the compilers had started
+                os.killpg(child.pid, signal.SIGKILL)
     assert child.returncode == 130
     assert said.splitlines()[-1] == "interrupted; nothing was left behind."
     assert names(out) == [".lock"]
+
+
+def test_an_interrupt_is_not_raised_amid_the_work_but_after_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    over, reached = threading.Event(), []
+
+    def interrupted(*_: object) -> None:  # by a worker, while the main thread waits
+        os.kill(os.getpid(), signal.SIGINT)
+        reached.append(over.wait(60))
+        raise compile.CompileError("ended before it was done")
+
+    monkeypatch.setattr(compile, "Event", lambda: over)
+    monkeypatch.setattr(compile, "_object", interrupted)
+    heard = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        compile.library(tmp_path, ["a.c"], "portable", "a.so", tmp_path)
+    assert reached == [True]
+    assert signal.getsignal(signal.SIGINT) is heard
 
 
 def test_a_compiler_without_an_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -106,9 +106,11 @@ def _all(asked: Check, drawn: tuple[Case, ...], said: Callable[[str], None]) -> 
     }
     try:
         while waiting:
-            ended, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            ended, _ = wait(waiting, 0.1, FIRST_COMPLETED)  # short: an interrupt just before it is heard after it
             for future in ended:
                 yield waiting.pop(future), future.result()
+            if not ended:
+                continue
             done = asked.count - len(waiting)
             left = (time.monotonic() - start) / done * len(waiting)
             said(f"{done} of {asked.count} cases, about {_clock(left)} left")
