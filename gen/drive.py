@@ -25,6 +25,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -102,19 +103,19 @@ def inverse(k: Springs, degree: int) -> Any:
     """Coefficients (degree + 1) of the polynomial for τ (π/2 + A − y)/y over `_crowded`, N m, lowest first."""
     count = degree + 1
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
-    last = k.scale * k.law_torsion
-    values = []
+    shares = []
     for node in nodes:
         roots = np.roots([CROWDING, 0.0, 1.0, -(1.0 + CROWDING) * 0.5 * (node + 1.0)])
-        y = last * float(roots[np.abs(roots.imag).argmin()].real)  # the other two are complex
-        values.append(_far(y, k) / k.c_f * (np.pi / 2 + k.A - y) / y)
+        shares.append(float(roots[np.abs(roots.imag).argmin()].real))  # the other two are complex
+    y = k.scale * k.law_torsion * ca.DM(shares)
+    values = _far(y, k) / k.c_f * (np.pi / 2 + k.A - y) / y
     rows = 2.0 / count * np.polynomial.chebyshev.chebvander(nodes, degree).T
     rows[0] /= 2.0
     monomials = np.zeros((count, count))  # column m: Chebyshev's polynomial m in powers
     for m in range(count):
         monomials[: m + 1, m] = np.polynomial.chebyshev.cheb2poly(np.eye(count)[m])[: m + 1]
     # in two steps: Chebyshev's coefficients decay, and only so do the large integers of their powers do no harm
-    return ca.sparsify(ca.DM(monomials)) @ (ca.DM(rows) @ ca.vertcat(*values))
+    return ca.sparsify(ca.DM(monomials)) @ (ca.DM(rows) @ values)
 
 
 def _crowded(size: Any, k: Springs) -> Any:
@@ -191,14 +192,20 @@ def plan(drives: Sequence[Drive]) -> Plan:
     )
 
 
-def _error(drive: Drive, chosen: Plan) -> float:
-    """Largest error of the inverse, rad, over the corners of the springs' spread."""
+@cache
+def _inversion(chosen: Plan) -> tuple[Any, Any]:
+    """Of any drive: the inverse's coefficients from springs, ratio and law_torque, and its errors, rad, at torques."""
     p = {key: ca.SX.sym(key) for key in (*SPRINGS, "ratio", "law_torque")}
     tau, law, coefficients = ca.SX.sym("tau"), springs(p), ca.SX.sym("a", chosen.degree + 1)
     phi = torsion(tau, law)
     found = torsion(spring_torque(phi, law, coefficients, chosen), law)
     make = ca.Function("make", list(p.values()), [inverse(law, chosen.degree)])
-    error = ca.Function("error", [tau, coefficients, *p.values()], [ca.fabs(found - phi)])
+    return make, ca.Function("error", [tau, coefficients, *p.values()], [ca.fabs(found - phi)])
+
+
+def _error(drive: Drive, chosen: Plan) -> float:
+    """Largest error of the inverse, rad, over the corners of the springs' spread."""
+    make, error = _inversion(chosen)
     fixed = [abs(drive.ratio.nominal), drive.law_torque.nominal]  # type: ignore[union-attr]
     grid = np.concatenate([np.geomspace(1e-6, 1e-2, 20), np.linspace(1e-2, 1.5, 130)]) * fixed[1]
     worst = 0.0

@@ -224,10 +224,12 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
     smooth, _ = _outputs(model, first, model.drive(first, model.of_joint(first)))
     drive_exact = model.drive(first, model.of_joint(first), exact=s)
     exact = [*_outputs(model, first, drive_exact)[1], *_outputs(model, first, drive_exact)[0]]
-    keys = set.intersection(*(set(model.symbols_of(j)) for j in joints))
-    p = ca.vertcat(*(model.symbols_of(first)[key] for key in sorted(keys)))
+    own = {j: model.symbols_of(j) for j in joints}
+    keys = sorted(set.intersection(*map(set, own.values())))
+    p = ca.vertcat(*(own[first][key] for key in keys))
+    given = {p[k].element_hash() for k in range(p.numel())}
     changed, symbols, definitions = hoist([SX(e) for e in smooth + exact], p)
-    direct = [v for v in ca.symvar(ca.vertcat(*changed)) if any(ca.is_equal(v, p[k]) for k in range(p.numel()))]
+    direct = [v for v in ca.symvar(ca.vertcat(*changed)) if v.element_hash() in given]
     constant = ca.vertcat(*direct, *symbols)
     entries = [model.slot(name) for name in _state_names(model, first)]
     inputs = [*entries, model.u[first - 1]]
@@ -236,7 +238,7 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
     define = ca.Function("define", [p], [ca.vertcat(*direct, *definitions)])
     columns = []
     for j in [*joints, *[joints[0]] * (width - len(joints))]:
-        columns.append(define(ca.vertcat(*(model.symbols_of(j)[key] for key in sorted(keys)))))
+        columns.append(define(ca.vertcat(*(own[j][key] for key in keys))))
     lane = Lane(
         joints,
         width,
