@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 
 import numpy as np
 from scipy.special import logsumexp
@@ -151,8 +152,10 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
         options = [name] if "@" in name else [f"{name}@{joint}", f"{name}@0"]
         known = [option for option in options if option in there]
         if not known:
+            close = get_close_matches(options[0], there, 1)
+            meant = f" (did you mean {close[0]}?)" if close else ""
             problems.append(
-                f"--separate {name}: joint {joint} has no such effect; there are {', '.join(here)}, "
+                f"--separate {name}: joint {joint} has no such effect{meant}; there are {', '.join(here)}, "
                 "and name@joint means that of another joint."
             )
         found += known[:1]

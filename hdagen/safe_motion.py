@@ -71,7 +71,7 @@ class Kept:
 def limits_of(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) -> Limits:
     """The robot file's limits, narrowed by ``given``: position[_j], tip_x, tip_y (low, high), speed[_j], torque[_j],
     current[_j] (one number). Raises PlantError with every problem."""
-    stated = _stated(arm)
+    stated, assumed = _stated(arm)
     position, tip = stated.position.copy(), stated.tip.copy()
     most = {"speed": stated.speed.copy(), "torque": stated.torque.copy(), "current": stated.current.copy()}
     problems: list[str] = []
@@ -96,11 +96,10 @@ def limits_of(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) ->
             chosen = [int(number) - 1] if number else list(range(arm.n))
             for j in chosen:
                 problems += _narrow(arm, j, name, kind, values, position, most)
+                assumed.pop((kind, j), None)
     if problems:
         raise PlantError("\n".join(problems))
-    told = {name.rpartition("_")[0] if name[-1:].isdigit() else name for name in given or {}}
-    notes = tuple(note for note in stated.notes if note.split()[0] not in told)
-    return Limits(position, most["speed"], most["torque"], most["current"], tip, notes)
+    return Limits(position, most["speed"], most["torque"], most["current"], tip, tuple(assumed.values()))
 
 
 def _narrow(
@@ -122,30 +121,31 @@ def _narrow(
     return []
 
 
-def _stated(arm: Arm) -> Limits:
-    """The robot file's limits, and what is assumed where it states none."""
-    n, notes = arm.n, []
+def _stated(arm: Arm) -> tuple[Limits, dict[tuple[str, int], str]]:
+    """The robot file's limits, and where it states none what is assumed: a sentence by (kind, joint from 0)."""
+    n, assumed = arm.n, {}
     position = np.empty((n, 2))
-    speed, torque, current = np.empty(n), np.empty(n), np.empty(n)
+    most = {kind: np.empty(n) for kind in ("speed", "torque", "current")}
     for j, joint in enumerate(arm.robot["joints"]):
-        own, drive = joint["limits"], joint["drive"]
-        middle = START if joint["kind"] == "revolute" else 0.0
+        own, drive, slot = joint["limits"], joint["drive"], arm.manifest["input"][j]
+        turns = joint["kind"] == "revolute"
+        middle, length, effort = (START, "rad", "N m") if turns else (0.0, "m", "N")
         reach, fast = ASSUMED[joint["kind"]]
         position[j] = own["position"] or (middle - reach, middle + reach)
         if not own["position"]:
-            notes.append(f"position of joint {j + 1}: no limit is stated; {position[j][0]:g} to {position[j][1]:g} is.")
-        speed[j] = own["speed"] or fast
-        current[j] = drive["max_current"] or arm.manifest["input"][j]["bound"]
-        torque[j] = own["torque"] or full_torque(arm)[j]
-        for what, value, known in (
-            ("speed", speed[j], own["speed"]),
-            ("torque", torque[j], own["torque"]),
-            ("current", current[j], drive["max_current"]),
+            low, high = position[j]
+            assumed["position", j] = (
+                f"position of joint {j + 1}: no limit is stated; {low:.3g} to {high:.3g} {length} is assumed."
+            )
+        for kind, stated, without, unit in (
+            ("speed", own["speed"], fast, f"{length}/s"),
+            ("torque", own["torque"], full_torque(arm)[j], effort),
+            ("current", drive["max_current"], slot["bound"], slot["unit"]),
         ):
-            if not known:
-                notes.append(f"{what} of joint {j + 1}: no limit is stated; {value:.3g} is.")
-    notes = [note.removesuffix("is.") + "is assumed." for note in notes]
-    return Limits(position, speed, torque, current, np.array([[-np.inf, np.inf]] * 2), tuple(notes))
+            most[kind][j] = stated or without
+            if not stated:
+                assumed[kind, j] = f"{kind} of joint {j + 1}: no limit is stated; {without:.3g} {unit} is assumed."
+    return Limits(position, most["speed"], most["torque"], most["current"], np.array([[-np.inf, np.inf]] * 2)), assumed
 
 
 def middle(arm: Arm, limits: Limits) -> Array:

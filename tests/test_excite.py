@@ -195,6 +195,19 @@ def test_what_the_file_does_not_state_is_assumed_and_said(build: Callable[..., C
     assert {note.split()[0] for note in told.notes} == {"torque", "current"}
 
 
+def test_a_limit_told_of_one_joint_is_still_assumed_of_the_others_and_units_are_said(
+    build: Callable[..., Compiled],
+) -> None:
+    bare = Arm(build(arms.CHAINS["RPR"]).folder)
+    assumed = dict(note.removesuffix(" is assumed.").split(": no limit is stated; ") for note in limits_of(bare).notes)
+    units = {what: value.split()[-1] for what, value in assumed.items() if not value.endswith("N m")}
+    turning = {f"{kind} of joint {j}": unit for j in (1, 3) for kind, unit in (("position", "rad"), ("speed", "rad/s"))}
+    sliding = {"position of joint 2": "m", "speed of joint 2": "m/s", "torque of joint 2": "N"}
+    assert units == turning | sliding
+    left = [note.split(":")[0] for note in limits_of(bare, {"position_2": (0.0, 0.04)}).notes]
+    assert left == [what for what in assumed if what != "position of joint 2"]
+
+
 # -- the command ------------------------------------------------------------------------------------------------------
 
 
@@ -229,7 +242,7 @@ def test_the_table_names_every_motion(arm: Arm, tmp_path: Path, capsys: pytest.C
 REFUSED = {
     "unknown effect": (
         ["--separate", "stribeck,payload"],
-        "no such effect; there are asymmetric_friction@1",
+        "no such effect (did you mean stribeck_friction@1?); there are asymmetric_friction@1",
     ),
     "twice": (["--separate", "payload,payload@1"], "same effect twice"),
     "one alone": (["--separate", "payload"], "one effect alone"),
