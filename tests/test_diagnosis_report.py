@@ -353,7 +353,7 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
     name = entry.partition("@")[0].replace("_", " ").capitalize()
     for words in (
         "not calibrated",
-        "Windows of 0.25 s told this",
+        "Windows of 0.25 s told which known effect is the most probable",
         "Flexible correction",
         "Candidates on held-out motion",
         "base parameters alone",
@@ -374,7 +374,7 @@ def test_only_what_long_windows_told_says_so(arm: Arm, tmp_path: Path) -> None:
     told = seen(arm, {"coulomb_friction@2": {"coulomb_friction": 0.045}})
     told[1]["method"]["calibrated"] = True
     page = write(told, arm, tmp_path / "report.html")
-    assert "told this" not in page and "not calibrated" not in page
+    assert "told which known" not in page and "not calibrated" not in page
 
 
 def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp_path: Path) -> None:

@@ -140,8 +140,8 @@ def _lasting(content: dict[str, Any]) -> str:
     if content["method"]["calibrated"]:
         return ""
     return (
-        f"\n\nWindows of {WINDOW:g} s told this: shorter ones leave much unexplained, whatever is named. Sealed "
-        "checks have too few such cases, so its probability is not calibrated."
+        f"\n\nWindows of {WINDOW:g} s told which known effect is the most probable: shorter ones leave much "
+        "unexplained, whatever is named. Sealed checks have too few such cases, so its probability is not calibrated."
     )
 
 
