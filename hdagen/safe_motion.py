@@ -123,7 +123,7 @@ def _narrow(
 
 def _stated(arm: Arm) -> tuple[Limits, dict[tuple[str, int], str]]:
     """The robot file's limits, and where it states none what is assumed: a sentence by (kind, joint from 0)."""
-    n, assumed = arm.n, {}
+    n, assumed, full = arm.n, {}, full_torque(arm)
     position = np.empty((n, 2))
     most = {kind: np.empty(n) for kind in ("speed", "torque", "current")}
     for j, joint in enumerate(arm.robot["joints"]):
@@ -139,7 +139,7 @@ def _stated(arm: Arm) -> tuple[Limits, dict[tuple[str, int], str]]:
             )
         for kind, stated, without, unit in (
             ("speed", own["speed"], fast, f"{length}/s"),
-            ("torque", own["torque"], full_torque(arm)[j], effort),
+            ("torque", own["torque"], full[j], effort),
             ("current", drive["max_current"], slot["bound"], slot["unit"]),
         ):
             most[kind][j] = stated or without
