@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gen import compile as compiler
+from gen.entry import named, nearest
 from gen.mpc.structure import Structure, StructureError, fitting
 from gen.presets import presets
 from gen.robot import LARGEST, Robot, RobotError, load
@@ -153,8 +154,9 @@ def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Librar
 
     unknown = set(extra) - {effect.name for effect in ALL}
     if unknown:
-        possible = ", ".join(effect.name for effect in ALL)
-        raise BuildError(f"--effects: found {', '.join(sorted(unknown))}, possible are {possible}; choose of these.")
+        names = [effect.name for effect in ALL]
+        found = ", ".join(f"{named(name)}{nearest(name, names)}" for name in sorted(unknown))
+        raise BuildError(f"--effects: found {found}, possible are {', '.join(names)}; choose of these.")
     wanted = {stated.name for stated in robot.effects} | set(extra)
     robot = compliant(robot, "missing_compliance" in extra)
     chosen = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hdagen.table import LogError, Table, list_some
+from hdagen.names import list_some
+from hdagen.table import LogError, Table
 
 COUNT = "counts"  # of an encoder; needs counts_per_turn
 _ANGLE = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, COUNT: 2 * math.pi}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import tomllib
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.columns import COUNT, RAW_UNITS, UNITS, WHOLE_ARM, ColumnMap, ColumnsError, Frame, Source, split_name
-from hdagen.table import list_some
+from hdagen.names import list_some, meant
 
 
 def load(path: Path | str) -> ColumnMap:
@@ -35,10 +34,8 @@ def check(tables: dict[str, Any], path: Path) -> ColumnMap:
     for name, entry in tables.items():
         if split_name(name) is None:
             known = [f"{base}_1" if base not in WHOLE_ARM else base for base in UNITS]
-            close = difflib.get_close_matches(name, known, 1)
-            hint = f"did you mean {close[0]}? " if close else ""
             problems.append(
-                f"{path}: [{name[:80]}] is not a column of a log; {hint}possible are {list_some(known)} "
+                f"{path}: [{name[:80]}] is not a column of a log{meant(name, known)}; possible are {list_some(known)} "
                 "(with the joint's number from 1), ignore and tip_force."
             )
         elif not isinstance(entry, dict):

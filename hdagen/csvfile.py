@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hdagen.table import LogError, Table, duplicates, first_line, list_some
+from hdagen.names import list_some
+from hdagen.table import LogError, Table, duplicates, first_line
 
 _HEAD = 1 << 20  # bytes in which the header must end
 _SHOWN = 5  # bad rows named one by one; the rest is counted

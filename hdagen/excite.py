@@ -13,7 +13,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 
 import numpy as np
 from scipy.special import logsumexp
@@ -27,6 +26,7 @@ from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
 from hdagen.log import Log
+from hdagen.names import meant
 from hdagen.plant import Arm, Array, PlantError, is_number
 from hdagen.reference import Reference
 from hdagen.safe_motion import Kept, Limits, keep, limits_of, middle, motions, with_size
@@ -152,11 +152,9 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
         options = [name] if "@" in name else [f"{name}@{joint}", f"{name}@0"]
         known = [option for option in options if option in there]
         if not known:
-            close = get_close_matches(options[0], there, 1)
-            meant = f" (did you mean {close[0]}?)" if close else ""
             problems.append(
-                f"--separate {name}: joint {joint} has no such effect{meant}; there are {', '.join(here)}, "
-                "and name@joint means that of another joint."
+                f"--separate {name}: joint {joint} has no such effect{meant(options[0], there)}; there are "
+                f"{', '.join(here)}, and name@joint means that of another joint."
             )
         found += known[:1]
     if len(set(found)) < len(found):

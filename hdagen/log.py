@@ -13,7 +13,8 @@ from hdagen import columns_toml, table
 from hdagen.columns import ColumnMap, ColumnsError, Mapped, Source, split_name
 from hdagen.csvfile import read_csv
 from hdagen.matfile import read_mat
-from hdagen.table import LogError, Table, list_some
+from hdagen.names import list_some
+from hdagen.table import LogError, Table
 
 __all__ = ["ColumnsError", "Log", "LogError", "gaps", "read", "write"]
 

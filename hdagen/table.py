@@ -42,12 +42,6 @@ class Table:
         return f"row {row + 1}" + (f" (line {row + self.first_line})" if self.first_line is not None else "")
 
 
-def list_some(names: list[str] | tuple[str, ...], limit: int = 40) -> str:
-    """The names, joined; beyond ``limit`` only how many more there are."""
-    shown = ", ".join(names[:limit]) or "none"
-    return shown + (f" and {len(names) - limit} more" if len(names) > limit else "")
-
-
 def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
     """Read the columns for which ``keep(name)`` holds; pages with a wrong checksum are refused. Raises LogError."""
     import pyarrow as pa

@@ -216,9 +216,10 @@ def test_deeply_nested_and_marked_files_are_read_alike(stub: Path, tmp_path: Pat
 
 def test_unknown_effects_are_named(stub: Path, robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "build"
-    assert main(["build", str(robot), "--effects", "sticktion, rotor_coupling", "--out", str(out)]) == 2
+    assert main(["build", str(robot), "--effects", "sticktion, wobble, rotor_coupling", "--out", str(out)]) == 2
     said = capsys.readouterr().err
-    assert re.search(r"found sticktion, possible are .*rotor_coupling.*; choose", said)
+    found = r"found sticktion \(did you mean stribeck_friction\?\), wobble, possible are .*rotor_coupling.*; choose"
+    assert re.search(found, said)
     assert not out.exists()
 
 

@@ -666,7 +666,7 @@ def test_everything_wrong_with_a_columns_toml_is_said_at_once(tmp_path: Path) ->
     expected = [
         "ignore must be a list of column names",
         "joint_position_3 must be a table",
-        "[motor_curent_1] is not a column of a log; did you mean motor_current_1?",
+        "[motor_curent_1] is not a column of a log (did you mean motor_current_1?)",
         "[time] unit = 'fortnight'; possible are s, ms, us, ns, min",
         "[time] has no key sign; possible are from",
         "[motor_current_1] has unit = 'V' without a scale; add scale = how many A one V is",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ from typing import Any
 
 from hdagen.mpc.fitting import nearest, refusals
 from hdagen.mpc.keys import KEYS, TABLES, Key, keys
+from hdagen.names import meant
 from hdagen.plant import PlantError
 
 LARGEST = 100_000  # bytes of a controller.toml
@@ -92,9 +92,8 @@ def checked(content: Mapping[str, Any], where: str) -> Configuration:
     values: dict[str, Any] = {}
     for table, entries in content.items():
         if table not in TABLES:
-            near = difflib.get_close_matches(table, TABLES, n=1)
-            meant = f" (did you mean {near[0]}?)" if near else ""
-            problems.append(f"{where}: unknown table {table[:40]!r}; possible are {', '.join(TABLES)}{meant}.")
+            possible = f"{', '.join(TABLES)}{meant(table, TABLES)}"
+            problems.append(f"{where}: unknown table {table[:40]!r}; possible are {possible}.")
         elif table != "wall":
             _table(where, table, entries, values, problems)
     walls = _walls(where, content.get("wall", []), problems)
@@ -112,9 +111,8 @@ def _table(where: str, table: str, entries: Any, values: dict[str, Any], problem
         return
     for name, value in entries.items():
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            meant = f" (did you mean {near[0]}?)" if near else ""
-            problems.append(f"{where}, {table}: unknown key {name[:40]!r}; possible are {', '.join(known)}{meant}.")
+            possible = f"{', '.join(known)}{meant(name, known)}"
+            problems.append(f"{where}, {table}: unknown key {name[:40]!r}; possible are {possible}.")
         elif value is not None:
             found, why = _value(known[name], value)
             if why:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 
+from hdagen.names import meant
 from hdagen.paper.prototype import Bench
 from hdagen.paper.result import Result
 from hdagen.plant import PlantError
@@ -64,9 +64,8 @@ def named(names: Sequence[str]) -> tuple[Listed, ...]:
         if name == "list":
             problems.append("list stands alone: hdagen paper list.")
         elif name not in known and name != "all":
-            near = get_close_matches(name.lower().replace(" ", "").replace(".", ""), known, n=1)
-            meant = f" (did you mean {near[0]}?)" if near else ""
-            problems.append(f"no figure or table named {name[:40]!r}{meant}; there are {', '.join(known)}, and all.")
+            near = meant(name.lower().replace(" ", "").replace(".", ""), known)
+            problems.append(f"no figure or table named {name[:40]!r}{near}; there are {', '.join(known)}, and all.")
     if problems:
         raise PlantError("\n".join(problems))
     return FIGURES if "all" in names else tuple(known[name] for name in dict.fromkeys(names))
