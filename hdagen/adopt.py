@@ -7,7 +7,6 @@ in its place, and a model whose parameters are not the ones meant is refused.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -58,7 +57,6 @@ def adopt(
     stated = verdict.read(diagnosis)
     content = json.loads(Path(diagnosis).read_bytes())
     arm = verdict.with_effects(robot, profile, stated)
-    _same_robot(str(diagnosis), content.get("robot"), robot, str(arm.robot["name"]), raw)
     wanted, notes = verdict.applied(arm, stated)
     file = RobotFile(raw, arm)
     changes = _changes(file, arm, wanted, stated, _spreads(content))
@@ -102,24 +100,6 @@ def _writable(out: Path, force: bool) -> None:
         raise PlantError(f"--out {out}: is a folder; name a file in it.")
     if out.exists() and not force:
         raise PlantError(f"--out {out}: is there already and would be lost; name another file, or add --force.")
-
-
-def _same_robot(source: str, stated: Any, robot: Path, name: str, raw: bytes) -> None:
-    """Refuses a diagnosis that says it is of another robot, or of its file before it was changed."""
-    if stated is None:
-        return
-    if not isinstance(stated, Mapping) or not all(isinstance(stated.get(key), str) for key in ("name", "sha256")):
-        raise PlantError(f"{source}, robot: possible is an object with name and sha256; diagnose again.")
-    if stated["name"] != name:
-        raise PlantError(
-            f"{source}: the diagnosis is of the robot {stated['name']!r:.90}, {robot} is of {name!r}; name the file "
-            "that was diagnosed."
-        )
-    if stated["sha256"] != hashlib.sha256(raw).hexdigest():
-        raise PlantError(
-            f"{source}: {robot} is not the file that was diagnosed, or has changed since (its SHA-256 is another); "
-            "name the file as it was, or diagnose again."
-        )
 
 
 def _spreads(content: Mapping[str, Any]) -> dict[tuple[str, int], Mapping[str, Any]]:

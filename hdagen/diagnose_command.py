@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -116,10 +117,26 @@ def _one(options: argparse.Namespace) -> int:
         found = diagnose(options.robot, logs, held, say)
         say("report")
         _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
-        report.write(found, out / "report.html")
+        report.write(found, out / "report.html", _again(options, found.content))
     print(sentence(found.content))
     print(out / "report.html")
     return 0
+
+
+def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
+    """The commands that make it again, and use it, as a shell takes them."""
+    robot, columns = shlex.quote(str(options.robot)), shlex.join(["--columns", str(options.columns)])
+    mapped = f" {columns}" if options.columns else ""
+    held = f" --hold-out {shlex.join(map(str, options.hold_out))}" if options.hold_out else ""
+    motion = shlex.quote(str((options.hold_out or options.logs)[0]))
+    digest = content["robot"].get("sha256")
+    return (
+        f"    hdagen diagnose {robot} {shlex.join(map(str, options.logs))}{held}{mapped}\n"
+        f"    hdagen replay {robot} {motion}{mapped} --with diagnosis.json --out predicted.parquet\n"
+        f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
+        + (f"The robot file's SHA-256 is {digest}. " if digest else "")
+        + "The same input gives the same diagnosis."
+    )
 
 
 def _fleet(options: argparse.Namespace) -> int:

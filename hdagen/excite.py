@@ -21,7 +21,7 @@ from hdagen.diagnosis.candidates import SILENT, Column, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.evidence import posteriors, score
 from hdagen.diagnosis.linear import Linear
-from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
@@ -29,8 +29,24 @@ from hdagen.log import Log
 from hdagen.names import meant
 from hdagen.plant import Arm, Array, PlantError, is_number
 from hdagen.reference import Reference
-from hdagen.safe_motion import Kept, Limits, keep, limits_of, middle, motions, with_size
+from hdagen.safe_motion import (
+    MARGIN,
+    Kept,
+    Limits,
+    Motion,
+    drawn,
+    follow,
+    keep,
+    limits_of,
+    middle,
+    motions,
+    seen,
+    shares,
+    with_size,
+)
+from hdagen.simulate import Simulation
 from hdagen.together import together
+from hdagen.torques import torque_per_input
 
 ENOUGH = 7.0  # nats, from where the other holds less than a tenth of a diagnosis' probability
 TRUST = 3.0  # factor within which a prediction holds
@@ -38,6 +54,8 @@ WINDOW, FEWEST = 0.05, 25  # s and rows of a window of the diagnosis
 DURATION = (2.0, 120.0)  # s
 PERIOD = (1e-4, 0.01)  # s
 MOST_ROWS = 40_000  # of a motion: what the linear model's memory is made for
+SEEN = 3  # steps of its finer encoder by which a joint has to move: fewer are as good as rest
+GENTLE, DOUBLED = 3, 12  # motions that are run, and how often they are doubled, for the least that is seen
 DRAWS = 2  # of base parameters and spikes, for each true effect of a pair
 
 Pair = tuple[str, str]
@@ -111,24 +129,29 @@ def excite(
 ) -> Excitation:
     """The safe motion of ``arm`` (built with all effects) that separates ``separate`` best: names of effects of
     ``joint``, or name@joint; none: every pair of the joint's effects. ``limits`` as `safe_motion.limits_of` takes
-    them. Raises PlantError for what does not exist and where no motion keeps the limits."""
+    them. Raises PlantError for what does not exist and where no motion that is seen keeps the limits."""
     effects = _effects(arm, separate, joint, duration, period)
     bounds = limits_of(arm, limits)
     center = middle(arm, bounds)
     others = [with_size(arm, _typical(arm, name)) for name in effects] if separate else []
-    own = int(effects[0].rpartition("@")[2])
+    places = [int(name.rpartition("@")[2]) for name in effects]
+    joints = sorted({place - 1 for place in places if place}) or list(range(arm.n))
+    shapes = motions(arm, places[0], duration, period)
+    if resting(arm, bounds, shapes, center, period)[joints].all():
+        raise PlantError(_too_narrow(arm, bounds, shapes, center, period, joints, []))
     tried = []
-    for motion in motions(arm, own, duration, period):
+    for motion in shapes:
         say(motion.name)
         kept = keep(arm, others, bounds, motion, center, period)
+        if isinstance(kept, Kept) and max(most := moved(arm, kept.simulation)[joints]) < SEEN:
+            kept = f"moves joint {joints[int(np.argmax(most))] + 1} by less than {SEEN} steps of its encoder"
         if isinstance(kept, Kept):
             tried.append(Tried(motion.name, kept, separation(arm, effects, kept)))
         else:
             tried.append(Tried(motion.name, None, {}, kept))
     tried.sort(key=lambda t: (-t.merit, -t.worst))
     if tried[0].kept is None:
-        whys = "; ".join(f"{t.name}: {t.why}" for t in tried[:3])
-        raise PlantError(f"the limits admit no motion ({whys}); widen them, or move elsewhere.")
+        raise PlantError(_too_narrow(arm, bounds, shapes, center, period, joints, tried))
     return Excitation(effects, tuple(tried), bounds)
 
 
@@ -179,6 +202,79 @@ def _whole(arm: Arm, column: Column) -> float:
     q = arm.parameters.described[column.parameter]
     up, down = (q.high - column.center) / column.unit, (column.center - q.low) / column.unit
     return 1.0 if up >= 1.0 or up >= down else -min(1.0, down)
+
+
+# -- too little to be seen --------------------------------------------------------------------------------------------
+
+
+def moved(arm: Arm, run: Simulation) -> Array:
+    """By how many steps of its finer encoder each joint (n) moves in a run."""
+    return seen(arm, run.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]])
+
+
+def resting(arm: Arm, limits: Limits, shapes: Sequence[Motion], center: Array, period: float) -> Mask:
+    """The joints (n) that no motion within the limits moves visibly, told without a run: range, speed, torque and
+    inertia draw each one too small, or dry friction holds the motor against all the current and gravity there are."""
+    largest = np.max([seen(arm, drawn(arm, limits, m, center, period, 1.0).position) for m in shapes], axis=0)
+    dry, ratio = (
+        np.array([arm.parameters[f"{name}_{j}"] for j in range(1, arm.n + 1)]) for name in ("coulomb_friction", "ratio")
+    )
+    pull = np.abs(arm.evaluate("gravity_torque", q=center)["g"].ravel() / ratio)
+    held = MARGIN * torque_per_input(arm) * limits.current + pull < dry
+    return np.asarray((largest < SEEN) | held)
+
+
+def least(
+    arm: Arm, limits: Limits, shapes: Sequence[Motion], center: Array, period: float, joints: Sequence[int]
+) -> dict[str, float]:
+    """Shares of the limits, by name, that it takes to move one of ``joints`` (from 0) visibly: the gentlest motions are
+    run within the robot file's limits alone, each ever twice as large, as dry friction holds small ones."""
+    file, found = limits_of(arm), []
+    for motion in sorted(shapes, key=lambda m: np.abs(np.diff(m.shape, axis=0)).max() / np.ptp(m.shape))[:GENTLE]:
+        wave = SEEN * motion.shape / max(seen(arm, motion.shape)[joints])
+        for k in range(DOUBLED):
+            v = np.gradient(2**k * wave, period, axis=0)
+            reference = Reference("joint", period, center + 2**k * wave, v, np.gradient(v, period, axis=0))
+            run, _ = follow(arm, arm, reference, file)
+            if run is not None and max(moved(arm, run)[joints]) >= SEEN:
+                found.append(shares(arm, limits, run, run.torque / torque_per_input(arm)))
+                break
+    return min(found, key=lambda one: max(one.values()), default={})
+
+
+def _too_narrow(
+    arm: Arm,
+    limits: Limits,
+    shapes: Sequence[Motion],
+    center: Array,
+    period: float,
+    joints: Sequence[int],
+    tried: Sequence[Tried],
+) -> str:
+    """That the limits admit no motion: which of them, and what of it the least motion that is seen takes."""
+    takes = []
+    for name, share in least(arm, limits, shapes, center, period, joints).items():
+        kind, _, number = name.rpartition("_")
+        if not MARGIN < share < np.inf:
+            continue
+        if kind == "tip":
+            (low, high), unit = limits.tip["xy".index(number)], "m"
+        else:
+            j, turns = int(number) - 1, arm.robot["joints"][int(number) - 1]["kind"] == "revolute"
+            length, effort = ("rad", "N m") if turns else ("m", "N")
+            most = {"position": limits.position, "speed": limits.speed, "torque": limits.torque}
+            low, high = limits.position[j] if kind == "position" else (0.0, most.get(kind, limits.current)[j])
+            units = {"position": length, "speed": f"{length}/s", "torque": effort}
+            unit = units.get(kind, arm.manifest["input"][j]["unit"])
+        wide = "a range of " if kind in ("tip", "position") else ""
+        takes.append(f"{wide}{name} of at least {(high - low) * share / MARGIN:.2g} {unit} ({high - low:.2g} is given)")
+    whys = "; ".join(f"{t.name}: {t.why}" for t in tried[:3])
+    if not takes:
+        return f"the limits admit no motion ({whys}); widen them, or move elsewhere."
+    return (
+        f"the limits admit no motion: one that moves joint {' or '.join(str(j + 1) for j in joints)} by {SEEN} steps "
+        f"of its encoder takes {' and '.join(takes)}; widen the limits."
+    )
 
 
 # -- prediction -------------------------------------------------------------------------------------------------------

@@ -134,7 +134,8 @@ def _read_table(path: Path, mapping: ColumnMap) -> Table:
     if path.suffix.lower() not in _FORMATS:
         raise LogError([f"{path}: no log ends in {path.suffix!r}; possible are {', '.join(_FORMATS)}."])
     if not path.is_file():
-        raise LogError([f"{path}: there is no such file; give the path of a log."])
+        found = "is a folder" if path.is_dir() else "there is no such file"
+        raise LogError([f"{path}: {found}; give the path of a log."])
     if path.suffix.lower() == ".parquet":
         return table.read_parquet(path, mapping.reads)
     if path.suffix.lower() == ".mat":

@@ -1,14 +1,15 @@
 """Repair: a log made fit for a diagnosis where its own numbers say what is wrong, or refused in sentences.
 
 What triage finds and can name as lines of a columns.toml is done (degrees, milliamperes, wrapped encoders, a measured
-input logged in the wrong row); rows without a value are taken out; dropped rows stay gaps, at which `segments` cuts.
-Everything else that would mislead a diagnosis is refused with what to record. A time skew is no mistake but a finding:
-the diagnosis has it among its candidates.
+input logged in the wrong row); rows without a value, or with a current that no drive gives, are taken out; dropped rows
+stay gaps, at which `segments` cuts. Everything else that would mislead a diagnosis is refused with what to record, and
+so is a log that holds another one's recording. A time skew is no mistake but a finding: the diagnosis has it among its
+candidates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -21,7 +22,7 @@ from hdagen.columns import split_name
 from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
 from hdagen.stretches import stretches
-from hdagen.suspicion import against_model
+from hdagen.suspicion import against_model, inputs
 from hdagen.suspicion.finding import Finding, Severity, in_words
 from hdagen.table import Table
 from hdagen.triage import Triage, look
@@ -33,6 +34,10 @@ _EMPTY = 0.5  # share of a column without a value from which the column is left 
 _LOST = 0.1  # share of rows that may be missing
 _GAP = 0.01  # s without a row, over which a command cannot be taken as held
 _PERIODS = 3.5  # and at least as many periods
+_EXACT = 0.25  # of a position's noise; two recordings differ by more in most rows, even by whole counts
+_STRETCH, _ALIKE = 100, 0.9  # rows in motion that are looked for together, and the share of them that must be found
+_LOOKS = 64  # stretches of a log that are looked for in another
+_TURN = 2 * np.pi
 _NEEDED = (
     ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque"),
     ("motor_position", "joint_position"),
@@ -56,6 +61,8 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     ``log`` may hold NaN where a value is missing. Raises LogError with everything that no one but its owner can mend.
     """
     log, repairs = _without_holes(log)
+    log, spikes = _without_spikes(log, arm)
+    repairs += spikes
     problems = _joints(log, arm)
     if problems:
         raise LogError(problems)
@@ -82,47 +89,85 @@ def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[li
     """The logs and hold-outs, each repaired for a diagnosis with ``arm``, and what to say of the data, for a JSON file;
     of the channels, that is what the first log has.
 
-    Raises LogError with the problems of all, and where a log is given twice.
+    Raises LogError with the problems of all, and where two of them hold the same recording.
     """
-    twice = [
-        f"{two.source}: the hold-out is the log itself; give another motion."
-        if one in logs and two in hold_out
-        else f"{two.source}: the same motion as {one.source}; leave one of them out."
-        for one, two in combinations((*logs, *hold_out), 2)
-        if _same(one, two)
-    ]
-    if twice:
-        raise LogError(twice)
-    problems, done = [], []
+    problems: list[str] = []
+    done: list[tuple[Log, list[Repair], Triage | None]] = []
     for one in (*logs, *hold_out):
         try:
             done.append(repair(one, arm))
         except LogError as error:
             problems += error.problems
+            done.append((one, [], None))
+    ready = [one for one, _, _ in done]
+    problems = _twice(ready, len(logs), [seen for _, _, seen in done]) + problems
     if problems:
         raise LogError(problems)
-    seen = [one for _, _, one in done]
+    seen = [one for _, _, one in done if one]
     of_first = seen[0].data()
     said = {name: of_first[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
     said["skews"] = list(
         dict.fromkeys(f.sentence for one in seen[: len(logs)] for f in one.findings if f.name == "skew")
     )
     said["warnings"] = list(dict.fromkeys(s for one in seen for s in one.warnings))
+    said["noticed"] = list(dict.fromkeys(s for one in seen for s in one.noticed))
     said["repaired"] = [
         {"log": one.source, "name": each.name, "joint": each.joint, "what": each.sentence}
         for one, repairs, _ in done
         for each in repairs
     ]
     said["refused"] = []  # a log that is refused ends in no diagnosis
-    ready = [one for one, _, _ in done]
     return ready[: len(logs)], ready[len(logs) :], said
 
 
-def _same(log: Log, other: Log) -> bool:
-    """Whether the two logs hold the same motion."""
-    return len(log) == len(other) and all(
-        name in other and np.array_equal(log[name], other[name], equal_nan=True) for name in log.columns
-    )
+def _twice(logs: Sequence[Log], fitted: int, seen: Sequence[Triage | None]) -> list[str]:
+    """What is wrong where two logs, of which the first ``fitted`` are no hold-outs, share motion: a fit that is judged
+    by the rows it was made from looks better than it is. A log that is refused has no triage."""
+    noise = [{channel.name: channel.noise for channel in one.channels} if one else {} for one in seen]
+    problems = []
+    for (i, one), (j, two) in combinations(enumerate(logs), 2):
+        if at := _shared(one, two, noise[i]):
+            where = f"from {at[1]:.4g} s on as {one.source} has from {at[0]:.4g} s on"
+            problems.append(
+                f"{two.source}: the hold-out is the log itself or a part of it, with the same motion {where}: give "
+                "another motion."
+                if i < fitted <= j
+                else f"{two.source}: the same motion {where}; leave one of them out."
+            )
+    return problems
+
+
+@np.errstate(invalid="ignore")  # a log that is refused may hold anything
+def _shared(log: Log, other: Log, noise: Mapping[str, float]) -> tuple[float, float] | None:
+    """Where two logs hold one recording, whole, cut or thinned: a time, s, in each; None where they do not.
+
+    Stretches of the log with fewer rows a second are looked for in the other one: rows that have, after the same times,
+    the same measured positions to a part of their ``noise``, whole turns apart. Two recordings of one motion differ in
+    most rows in motion; at rest counts can be equal, so only rows beside a change count.
+    """
+    if log.period > other.period:
+        return at[::-1] if (at := _shared(other, log, noise)) else None
+    names = [name for name in log.columns if (split_name(name) or ("", 0))[0] in _NEEDED[1] and name in other]
+    if not names:
+        return None
+    ours, theirs = (np.stack([one[name] for name in names]) for one in (log, other))
+    near = _EXACT * np.array([[noise.get(name, 0.0)] for name in names]) + 1e-9 * np.abs(ours).max(1, keepdims=True)
+    changes = np.any(np.diff(theirs) != 0, axis=0)
+    moving = np.flatnonzero(np.append(changes, False) | np.append(False, changes))
+    between = (log.time[1:] + log.time[:-1]) / 2
+    looks = np.linspace(0, max(len(moving) - _STRETCH, 0), _LOOKS).astype(int)
+    for rows in (moving[at : at + _STRETCH] for at in np.unique(looks) if moving.size):
+        first, found = rows[0], np.arange(len(log))
+        for mine, sought, within in zip(ours, theirs[:, first], near, strict=True):
+            off = mine[found] - sought
+            found = found[np.abs(off - _TURN * np.rint(off / _TURN)) <= within]
+        for part in (rows[1::10], rows[1:]):  # the few first: they leave hardly any place
+            same = np.searchsorted(between, log.time[found, None] + (other.time[part] - other.time[first]))
+            off = ours[:, same] - ours[:, found, None] - (theirs[:, part] - theirs[:, [first]])[:, None]
+            found = found[np.mean(np.all(np.abs(off) <= near[:, :, None], axis=0), axis=1) > _ALIKE]
+        if len(found):
+            return float(log.time[found[0]]), float(other.time[first])
+    return None
 
 
 def segments(time: np.ndarray) -> list[tuple[int, int]]:
@@ -215,6 +260,21 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     sentence = f"{says}: these rows are taken out, and long runs cut the log; record with a logger that keeps up."
     repairs.append(Repair("missing", 0, sentence))
     columns = {name: values[kept] for name, values in columns.items()}
+    return Log(log.time[kept], columns, log.n_joints, log.source, log.notes), repairs
+
+
+def _without_spikes(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """The log without rows in which a current is one that no drive gives: as good as without a value."""
+    kept, repairs = np.ones(len(log), bool), []
+    for joint, one in enumerate(arm.robot["joints"], 1):
+        for name in (f"{base}_{joint}" for base in inputs.INPUTS if "current" in base and f"{base}_{joint}" in log):
+            if found := inputs.spikes(log, name, one["drive"]["max_current"]):
+                kept &= ~found.rows
+                sentence = f"{found.sentence}: these rows are taken out; look at what the logger wrote there."
+                repairs.append(Repair("spike", joint, sentence))
+    if not repairs:
+        return log, []
+    columns = {name: values[kept] for name, values in log.columns.items()}
     return Log(log.time[kept], columns, log.n_joints, log.source, log.notes), repairs
 
 

@@ -300,6 +300,8 @@ def _before(arm: Arm, log: Log, first: Array) -> Array:
     for j in range(1, arm.n + 1):
         if arm.input_names[j - 1] in log:
             before[0, j - 1] = log[arm.input_names[j - 1]][0]
+        elif f"motor_torque_{j}" in log and f"torque_constant_{j}" in arm.parameters.described:
+            before[0, j - 1] = log[f"motor_torque_{j}"][0] / arm.parameters.described[f"torque_constant_{j}"].nominal
     return before
 
 
@@ -317,6 +319,9 @@ def _noise(arm: Arm, name: str, values: Array) -> float:
     stated = arm.robot["joints"][int(j) - 1]["sensor"]
     side = quantity.split("_")[0]
     known = encoder_noise(stated, side) if quantity.endswith("position") else stated["current_noise"]
+    if quantity == "motor_torque":  # which stands for the current that is measured, where the robot file knows that
+        constant = arm.parameters.described.get(f"torque_constant_{j}")
+        known = known * constant.nominal if constant else None
     return float(known or describe(name, values).noise)
 
 

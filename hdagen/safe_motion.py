@@ -333,6 +333,14 @@ def _sensors(arm: Arm) -> Sensors:
     )
 
 
+def seen(arm: Arm, position: Array) -> Array:
+    """By how many steps of its finer encoder each joint moves along ``position`` (T, n)."""
+    sensors, ratio = _sensors(arm), [abs(arm.parameters[f"ratio_{j}"]) for j in range(1, arm.n + 1)]
+    assert sensors.motor_resolution and sensors.joint_resolution
+    step = np.minimum(np.divide(sensors.motor_resolution, ratio), sensors.joint_resolution)
+    return np.asarray(np.ptp(position, axis=0) / step)
+
+
 def keep(arm: Arm, others: Sequence[Arm], limits: Limits, motion: Motion, center: Array, period: float) -> Kept | str:
     """The motion, made smaller until the nominal arm keeps the limits with a margin and ``others`` (arms with an
     effect) keep them; else why not."""

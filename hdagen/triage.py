@@ -56,6 +56,12 @@ class Triage:
         """What is worth a look."""
         return self._sentences(Severity.WARN)
 
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What else it shows, but for what is missing and for skews, which have places of their own."""
+        own = [finding for finding in self.findings if finding.name not in ("missing", "skew")]
+        return tuple(dict.fromkeys(f.sentence for f in own if f.severity is Severity.NOTE))
+
     def _sentences(self, severity: Severity) -> tuple[str, ...]:
         return tuple(dict.fromkeys(finding.sentence for finding in self.findings if finding.severity is severity))
 

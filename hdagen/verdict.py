@@ -3,10 +3,11 @@ them."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,12 +34,14 @@ class Named:
 @dataclass(frozen=True)
 class Verdict:
     """``effects`` to add; ``unknown``: joints of gaps that no effect explains; ``base`` parameters by the model's names
-    (``mass_1``), without those of the effects; ``source`` for sentences."""
+    (``mass_1``), without those of the effects; ``source`` for sentences; ``robot``: name and SHA-256 of the file that
+    was diagnosed (None: not stated, or no file)."""
 
     source: str
     effects: tuple[Named, ...]
     unknown: tuple[int, ...]
     base: Mapping[str, float]
+    robot: tuple[str | None, str | None] = None, None
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -75,16 +78,30 @@ def read(given: str | Path | Mapping[str, Any]) -> Verdict:
             values = _numbers(causes[name, joint], f"{source}, causes, {entry}", f"_{joint}" if joint else "", problems)
             effects.append(Named(name, joint, values))
     base = _numbers(content.get("parameters", {}), f"{source}, parameters", "", problems)
+    robot = _robot(content.get("robot"), source, problems)
     if problems:
         raise PlantError("\n".join(problems))
     own = {name for effect in effects for name in effect.parameters}
-    return Verdict(source, tuple(effects), tuple(unknown), {k: v for k, v in base.items() if k not in own})
+    return Verdict(source, tuple(effects), tuple(unknown), {k: v for k, v in base.items() if k not in own}, robot)
 
 
 def with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
-    """The model of ``robot`` with the verdict's effects in it, at the robot file's parameters. Raises PlantError."""
+    """The model of ``robot`` with the verdict's effects in it, at the robot file's parameters. Raises PlantError: where
+    the diagnosis is of another robot, or of its file before it was changed, too."""
     arm = load(robot, profile)
     _fits(arm, verdict)
+    name, digest = verdict.robot
+    if name not in (None, arm.robot["name"]):
+        raise PlantError(
+            f"{verdict.source}: the diagnosis is of the robot {name!r:.90}, {robot} is of {arm.robot['name']!r:.90}; "
+            "name the file that was diagnosed."
+        )
+    file = Path(robot)
+    if digest and file.is_file() and digest != hashlib.sha256(file.read_bytes()).hexdigest():
+        raise PlantError(
+            f"{verdict.source}: {robot} is not the file that was diagnosed, or has changed since (its SHA-256 is "
+            "another); name the file as it was, or diagnose again."
+        )
     added = _absent(arm, verdict)
     if not added:
         return arm
@@ -137,6 +154,18 @@ def _fits(arm: Arm, verdict: Verdict) -> None:
         )
 
 
+def _robot(stated: Any, source: str, problems: list[str]) -> tuple[str | None, str | None]:
+    """Name and SHA-256 of what was diagnosed."""
+    if stated is None:
+        return None, None
+    if isinstance(stated, Mapping):
+        name, digest = stated.get("name"), stated.get("sha256")
+        if isinstance(name, str | None) and isinstance(digest, str | None):
+            return name, digest
+    problems.append(f"{source}, robot: possible is an object with name and sha256; diagnose again.")
+    return None, None
+
+
 def _absent(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
     """The verdict's effects whose equation the model lacks; one that frees parameters it has needs none."""
     present = {effect["name"] for effect in arm.manifest["effects"]}
@@ -155,7 +184,22 @@ def _load(path: Path) -> Mapping[str, Any]:
         raise PlantError(f"{path}: cannot be read as JSON ({why}); name what hdagen diagnose wrote.") from None
     if not isinstance(content, dict):
         raise PlantError(f"{path}: found {_short(content)}, possible is a JSON object; name a diagnosis.json.")
+    if (where := next(_infinite(content), None)) is not None:
+        raise PlantError(f"{path}{where:.200}")
     return content
+
+
+def _infinite(content: Mapping[str, Any]) -> Iterator[str]:
+    """Where numbers stand that are none: what is written is finite throughout."""
+    left: list[tuple[str, Any]] = [("", content)]
+    while left:
+        where, value = left.pop()
+        if isinstance(value, Mapping):
+            left += [(f"{where}, {name}", entry) for name, entry in value.items()]
+        elif isinstance(value, list):
+            left += [(f"{where}[{k}]", entry) for k, entry in enumerate(value)]
+        elif isinstance(value, float) and not math.isfinite(value):
+            yield f"{where}: found {value}, possible is a finite number; diagnose again."
 
 
 def _causes(content: Mapping[str, Any], source: str, problems: list[str]) -> dict[tuple[str, int], Any]:

@@ -83,6 +83,17 @@ def holes(name: str, first: int, count: int) -> Damage:
     return each(hole, name)
 
 
+def spiked(name: str, value: float, *rows: int) -> Damage:
+    """``value`` in those rows."""
+
+    def spike(values: np.ndarray) -> np.ndarray:
+        values = values.copy()
+        values[list(rows)] = value
+        return values
+
+    return each(spike, name)
+
+
 def sparse(name: str, share: float) -> Damage:
     """No value in a share of the rows, at random."""
     return each(lambda v: np.where(np.random.default_rng(5).random(len(v)) < share, np.nan, v), name)
@@ -94,6 +105,12 @@ def stuck(*names: str) -> Damage:
 
 def wrapped(*names: str) -> Damage:
     return each(lambda values: values % (2 * np.pi), *names)
+
+
+def without(log: Log, *bases: str) -> Log:
+    """The log without these quantities, at every joint."""
+    columns = {name: values for name, values in log.columns.items() if name.rpartition("_")[0] not in bases}
+    return Log(log.time, columns, log.n_joints, log.source)
 
 
 # what is wrong: (damage, the names of what is mended, exactly so that the log is as it was)
@@ -115,6 +132,8 @@ LESSENED: dict[str, tuple[Damage, set[str]]] = {
     "5 % of the rows lost": (dropped(0.05), {"dropped"}),
     "a short hole": (holes("motor_position_1", 1000, 8), {"missing", "dropped"}),
     "a long hole": (holes("motor_current_1", 1000, 100), {"missing", "dropped"}),
+    "one huge measured current": (spiked("motor_current_1", 1e5, 1000), {"spike", "dropped"}),
+    "two commands beyond the drive": (spiked("motor_current_command_2", -100.0, 700, 1500), {"spike", "dropped"}),
     "3 % without a value": (sparse("joint_position_2", 0.03), {"missing", "dropped"}),
     "the command under the name of a measurement": (
         lambda log: changed(log, motor_current_1=log["motor_current_command_1"]),

@@ -9,7 +9,8 @@ from replayed import simulated
 from hdagen.diagnosis.achievable import Map, corrected
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion
-from hdagen.plant import load
+from hdagen.log import Log
+from hdagen.plant import Arm, load
 from hdagen.replay import replay
 
 
@@ -49,6 +50,32 @@ def test_a_gap_of_torque_is_closed_in_part(parameter: str, factor: float) -> Non
     before = replay(plain, held)
     found = gap(before, before, Portion.whole(held), corrected(plain, Portion.whole(log), Portion.whole(held), before))
     assert 1.0 < found["achievable"] < 0.8 * found["before"]
+
+
+@pytest.mark.parametrize("kinds", [("motor_torque",), ("motor_torque", "motor_torque_command")])
+def test_a_log_of_torques_is_corrected_as_one_of_currents(kinds: tuple[str, ...]) -> None:
+    """Where the robot file has a torque constant: the numbers are the same, only a channel's name and unit differ."""
+    arm, plain = load("paper"), load("paper")
+    arm.parameters["viscous_friction_1"] = 4.0 * arm.parameters.described["viscous_friction_1"].nominal
+    gaps = []
+    for names in (kinds, tuple(kind.replace("torque", "current") for kind in kinds)):
+        logs = [named(plain, simulated(arm, 3.0, seed=seed), names) for seed in (1, 2)]
+        before = replay(plain, logs[1])
+        shown, held = map(Portion.whole, logs)
+        gaps.append(gap(before, before, held, corrected(plain, shown, held, before)))
+    assert gaps[0]["achievable"] == pytest.approx(gaps[1]["achievable"], rel=1e-6) and gaps[0]["achievable"] > 1.0
+    assert gaps[0]["before"] == pytest.approx(gaps[1]["before"], rel=1e-6)
+
+
+def named(arm: Arm, log: Log, kinds: tuple[str, ...]) -> Log:
+    """The log with its inputs as ``kinds`` alone, torques by the robot file's constant."""
+    columns = {k: v for k, v in log.columns.items() if not k.startswith(("motor_current", "motor_torque"))}
+    for kind in kinds:
+        current = kind.replace("torque", "current")
+        for j in range(1, arm.n + 1):
+            unit = arm.parameters[f"torque_constant_{j}"] if "torque" in kind else 1.0
+            columns[f"{kind}_{j}"] = log[f"{current}_{j}"] * unit
+    return Log(log.time, columns, log.n_joints, log.source)
 
 
 def test_a_correction_that_makes_it_worse_is_none() -> None:

@@ -24,6 +24,7 @@ from hdagen.blind.report import report, written
 from hdagen.blind.run import Check, gap
 from hdagen.blind.score import Row, alike, bins, confusion, coverage, judged, summary
 from hdagen.blind.sizes import SIZES
+from hdagen.diagnosis import calibration
 from hdagen.log import write
 
 JUDGE = Path(os.environ.get("HDAGEN_DATA", Path(__file__).parents[2] / "shared" / "data")).parent / "check"
@@ -432,6 +433,8 @@ def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> N
     assert set(together) == {kind, "task"} and rates.table(together).count("\n| one effect on a circle task |") >= 3
     with pytest.raises(ValueError, match="a seed stands twice"):
         rates.combined([whole, whole])
+    with pytest.raises(ValueError, match="the probabilities were calibrated on s;"):
+        rates.combined([whole | {"seed_hash": calibration.read().seeds[0]}])
 
 
 @pytest.mark.skipif(

@@ -137,3 +137,27 @@ def test_points_that_are_looked_at_together_are_what_each_is_alone(shooting: Sho
         alone = at.moved(point).linear()
         np.testing.assert_allclose(z, alone.z, rtol=1e-9, atol=1e-9 * abs(alone.z).max())
         np.testing.assert_array_equal(found.rows, alone.rows)
+
+
+def test_what_no_channel_shows_is_silent_and_what_shows_in_its_whole_size_is_not(build: Builder) -> None:
+    """Nothing measures the joint's torque; a limit of the drive shows where it is as low as usual, not where higher."""
+    arm = Arm(build(FLEXIBLE, effects=("torque_sensor_gain", "current_saturation", "cable_spring")).folder)
+    log = simulated(arm)
+    shooting = Shooting(arm, record(arm, Portion(log, np.ones(len(log), bool)), 0.05))
+    words = dictionary(arm, suggested(arm, shooting.record))
+    at = design(shooting, words, Point(*shooting.begin()))
+    column = next(k for k, c in enumerate(words.columns) if c.parameter == "saturation_inverse_1")
+    head = shooting.m + at.k
+    silent = {words.atoms[k].name for k in at.silent()}
+    assert silent >= {"torque_sensor_gain@1"} and not {name for name in silent if "cable" in name}
+    limit = 1.0 / words.columns[column].unit
+    low = np.abs(np.concatenate([log[f"motor_current_command_{j}"] for j in (1,)])).max() > limit
+    assert ("current_saturation@1" in silent) is not low
+    wide = at.widened([column])
+    np.testing.assert_array_equal(np.delete(wide.columns, head + column, 0), np.delete(at.columns, head + column, 0))
+    p = at.point.p.copy()
+    p[words.columns[column].index] += words.columns[column].unit
+    kept = at.residual - residual(shooting, shooting.predict(Lane(p, at.point.begun)))
+    np.testing.assert_allclose(
+        wide.columns[head + column].reshape(kept.shape), kept, atol=1e-6 * max(1.0, np.abs(kept).max())
+    )

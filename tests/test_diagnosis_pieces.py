@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -180,7 +180,7 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
         atoms=[SimpleNamespace(name=name) for name in names],
         columns=[SimpleNamespace(atom=k) for k in range(4)],
     )
-    design = SimpleNamespace(words=words, linear=lambda: linear)
+    design = SimpleNamespace(words=words, linear=lambda: linear, widened=lambda places: design)
     score = SimpleNamespace(at=SimpleNamespace(s=0.0, kappa2=np.ones(1)))
     fit: Any = SimpleNamespace(score=score, design=design, posterior=(np.array([0.8, 0.0, 0.0, 1.0]), None))
     told = Told(fit, 12.0)
@@ -188,6 +188,11 @@ def test_what_does_not_show_is_unseen_and_what_looks_alike_stands_beside() -> No
     assert told.beside("payload@1") == ["torque_constant@1"]
     assert told.beside("contact@2") == []
     assert set(Told(fit, 1e7).unseen()) == set(names)  # a log that counts for nothing shows nothing
+    J[2] = 30 * rng.normal(size=rows)  # what the third does in its whole size
+    block = np.vstack([first, J])
+    wide = replace(linear, gram=Gram((block @ block.T)[None], 1, 0))
+    design.widened = lambda places: SimpleNamespace(words=words, linear=lambda: wide) if places == [2] else None
+    assert Told(fit, 12.0).unseen() == []
 
 
 # -- steps ------------------------------------------------------------------------------------------------------------

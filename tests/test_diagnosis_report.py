@@ -257,6 +257,17 @@ def test_a_quantity_that_goes_with_nothing_is_rarely_said_to() -> None:
     assert false <= 14  # of 120; 6 are expected, and more than 14 have a chance of 1 in 1000
 
 
+@pytest.mark.parametrize("count", [2, 64, 300, 500, 501, 1000])
+def test_few_samples_tell_what_they_can(count: int) -> None:
+    """As many shifts as samples, none of them twice."""
+    x = np.arange(float(count))
+    tried = [Regressor("x", "1", x), Regressor("y", "1", (7 * x) % 5)]
+    best = explained(np.where(x >= count // 2, 1.0, -1.0), tried)[0]
+    assert best.regressor.name == "x" and best.share > 0.9
+    assert 2 / count <= best.p <= (1.0 if count < 65 else 0.05)
+    assert concentrated(np.where(x > 0.9 * count, 1.0, 0.0), tried)[:1] == [] or count > 2
+
+
 def test_energy_that_is_not_there_concentrates_nowhere() -> None:
     assert concentrated(-np.ones(100), [Regressor("x", "1", np.arange(100.0))]) == []
 
@@ -341,7 +352,7 @@ def write(all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, pat
     held_out = Portion(log, blocks(log.time))
     held = SimpleNamespace(robot=str(arm.folder), content=said, before=before, after=after, held_out=held_out)
     held.sight = sight
-    report.write(held, path)  # type: ignore[arg-type]
+    report.write(held, path, "    hdagen diagnose")  # type: ignore[arg-type]
     return path.read_text(encoding="utf-8")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from replayed import SENSORS
 
 from hdagen.__main__ import main
 from hdagen.control import Controller, Guard, Safe
-from hdagen.excite import ENOUGH, TRUST, Excitation, excite, modelled, separation, weighed
+from hdagen.diagnosis.torsion import Between
+from hdagen.excite import ENOUGH, SEEN, TRUST, Excitation, excite, modelled, moved, separation, weighed
 from hdagen.plant import Arm, PlantError, load
 from hdagen.reference import Reference
 from hdagen.safe_motion import MARGIN, Kept, follow, keep, limits_of, middle, motions, with_size
@@ -278,6 +280,52 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.lstrip()[:1].isdigit()]
     assert len(lines) == 1 and sentence in lines[0] and lines[0].endswith("."), lines
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def level(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    """The one joint where gravity does not act: friction and inertia alone are in the way."""
+    out = tmp_path_factory.mktemp("level")
+    (out / "level.toml").write_text(ONE.replace("gravity = [0.0, -9.81]", "gravity = [0.0, 0.0]"))
+    return load(out / "level.toml", "native", ("all",), out)
+
+
+STILL = {  # limits within which the joint rests, and the one that the sentence names, with its unit
+    "speed=1e-9": r"speed_1 of at least \S+ rad/s \(1e-09 is given\)",
+    "speed=3e-4": r"speed_1 of at least \S+ rad/s \(0.0003 is given\)",
+    "torque=1e-6": r"torque_1 of at least \S+ N m \(1e-06 is given\)",
+    "current=1e-6": r"current_1 of at least \S+ A \(1e-06 is given\)",
+    "position=0:1e-9": r"a range of position_1 of at least \S+ rad \(1e-09 is given\)",
+}
+
+
+@pytest.mark.parametrize("limit", STILL)
+def test_limits_within_which_nothing_is_seen_to_move_are_refused_before_the_model_is_made(
+    level: Arm, limit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("hdagen.excite.separation", lambda *_: pytest.fail("the costly part was begun"))
+    pair = ["--separate", "stribeck_friction,presliding_friction", "--duration", "2"]
+    assert main(["excite", str(level.folder), *pair, "--limits", limit]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.lstrip()[:1].isdigit()]
+    assert len(lines) == 1 and lines[0].endswith("; widen the limits."), lines
+    assert lines[0].startswith(f"the limits admit no motion: one that moves joint 1 by {SEEN} steps of its encoder")
+    assert re.search(STILL[limit], lines[0]), lines
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_motion_that_is_small_but_seen_is_admitted(level: Arm) -> None:
+    pair = ("command_delay", "current_loop_lag")
+    found = excite(level, pair, duration=2.0, limits={"position": (-5e-4, 5e-4)})
+    assert found.best.kept is not None and found.best.worst > 0
+    assert moved(level, found.best.kept.simulation)[0] >= SEEN
+    assert all(t.kept is None or moved(level, t.kept.simulation)[0] >= SEEN for t in found.tried)
+
+
+def test_a_joint_that_bears_no_torque_tells_nothing_of_its_torsion() -> None:
+    none, row = np.zeros(8, bool), np.zeros(8)
+    still = Between(1, (), row, np.zeros((8, 0)), np.zeros((8, 3)), np.zeros((8, 2)), none, ~none, row, row)
+    assert still.told(np.zeros(0, bool), still.loaded).tolist() == [0.0] * 3
 
 
 def test_every_pair_of_a_joint_can_be_asked_for(build: Callable[..., Compiled]) -> None:

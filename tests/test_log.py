@@ -336,10 +336,12 @@ def test_the_joints_of_the_robot_must_be_those_of_the_log(tmp_path: Path) -> Non
     [
         ("log.xlsx", "no log ends in '.xlsx'; possible are"),
         ("nowhere.csv", "there is no such file"),
+        ("folder.parquet", "is a folder"),
         ("x.mat", "no such file"),
     ],
 )
 def test_a_wrong_path_is_named(tmp_path: Path, name: str, says: str) -> None:
+    (tmp_path / "folder.parquet").mkdir()
     assert says in one(tmp_path / name)
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
+import math
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -83,6 +86,26 @@ def test_the_command_adds_a_verdict(command: Callable, files: Path, capsys) -> N
     (files / "diagnosis.json").write_text(json.dumps(diagnosis(verdict=["no_such@1"], causes=[no_such()])))
     assert command(robot, log, "--with", files / "diagnosis.json") == 2
     assert "no model can be built with no_such" in capsys.readouterr().out
+
+
+def test_the_command_refuses_a_diagnosis_of_another_robot(command: Callable, files: Path, capsys) -> None:  # noqa: ANN001
+    robot, log, said = files / "robot.toml", files / "log.parquet", files / "diagnosis.json"
+    name, digest = tomllib.loads(robot.read_text())["name"], hashlib.sha256(robot.read_bytes()).hexdigest()
+    said.write_text(json.dumps(diagnosis(robot={"name": name, "sha256": digest})))
+    assert command(robot, log, "--with", said, "--out", files / "other.csv") == 0
+    (files / "other.csv").unlink()
+    capsys.readouterr()
+    for stated, words in (
+        ({"name": "elbow", "sha256": digest}, "of the robot 'elbow'"),
+        ({"name": name, "sha256": "0" * 64}, "has changed since"),
+    ):
+        said.write_text(json.dumps(diagnosis(robot=stated)))
+        assert command(robot, log, "--with", said, "--out", files / "other.csv") == 2
+        assert words in capsys.readouterr().out.replace("\n", " ")
+    said.write_text(json.dumps(diagnosis(gap={"before": math.nan})))
+    assert command(robot, log, "--with", said, "--out", files / "other.csv") == 2
+    assert "gap, before: found nan, possible is a finite number" in capsys.readouterr().out.replace("\n", " ")
+    assert not (files / "other.csv").exists()
 
 
 def no_such() -> dict:

@@ -70,6 +70,7 @@ def test_gravity_may_lean_a_little_even_where_the_robot_file_states_none(
         ({"verdict": ["x; rm -rf@1"]}, "possible is name@joint"),
         ({"verdict": ["stribeck_friction@1"]}, "no parameters here"),
         ({"parameters": {"mass_1": {"value": math.nan}}}, "possible is a finite number"),
+        ({"robot": "elbow"}, "possible is an object with name and sha256"),
         ({"parameters": {"mass_1": {"value": 10**400}}}, "possible is a finite number"),
         ({"parameters": {"mass_1": {"value": True}}}, "possible is a finite number"),
         ({"parameters": {"Mass-1": 1.0}}, "no name of a parameter"),

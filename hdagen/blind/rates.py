@@ -26,6 +26,7 @@ from hdagen.blind.figures import Figure, means_together, rates_together
 from hdagen.blind.run import replace
 from hdagen.blind.score import Row, summary
 from hdagen.blind.words import WORDS, said
+from hdagen.diagnosis import calibration
 
 NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
 MEANS = {"p_truth", "brier", "pair_f1"}
@@ -36,7 +37,8 @@ KEPT = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_hash")
 def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """By kind: the figures over all cases of its checks, what it takes to run each again, the cases (``rows``), and the
     figures of those that are not there (``without_rows``). A report is that of a check, or what this returned.
-    ValueError where a seed stands twice, as its cases would count twice."""
+    ValueError where a seed stands twice, as its cases would count twice, or is one that the probabilities were
+    calibrated on."""
     kinds: dict[str, list[Mapping[str, Any]]] = {}
     for report in reports:
         parts = {report["kind"]: _of_check(report)} if "kind" in report else report
@@ -48,6 +50,8 @@ def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         seeds = [check["seed"] for check in checks]
         if len(set(seeds)) < len(seeds):
             raise ValueError(f"{kind}: a seed stands twice among {', '.join(sorted(seeds))}; give each check once.")
+        if tuned := [check["seed"] for check in checks if check["seed_hash"] in calibration.read().seeds]:
+            raise ValueError(f"{kind}: the probabilities were calibrated on {', '.join(tuned)}; give other checks.")
         rows = [row for part in parts_of for row in part.get("rows", [])]
         gone = [_figures(part["without_rows"] if "rows" in part else part["summary"]) for part in parts_of]
         before = _together([one for one in gone if one])

@@ -30,6 +30,7 @@ SLOW = 0.02  # of the usual speed, at which a direction is half decided
 LAGS = 8  # rows of the command that the current's correction sees
 RIDGES = np.geomspace(1e-6, 1e2, 9)  # of the mean square of the features
 BLOCKS = 8  # of time, each left out once
+INPUTS = "motor_current", "motor_torque"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Re
     missing = seen.missing(seen.before)
     whole = missing.motor if missing.link is None else missing.motor + missing.link / seen.ratio
     maps = [Map.of(features[j][kept], whole[kept, j]) for j in range(arm.n)]
-    currents = [_current(shown, seen.replays[0], name) for name in arm.input_names[: arm.n]]
+    currents = [_current(shown, seen.replays[0], name) for name in _read(seen)]
     fitted = _replayed(seen, currents, [on(x) for on, x in zip(maps, features, strict=True)])
     errors = [_encoder_map(j, seen, kept, x, fitted) for j, x in enumerate(features, 1)]
     if held is not seen:  # one log's features at a time: they are what fills the memory
@@ -175,17 +176,24 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
     commands, _ = driven_by(arm, log, "command")
     columns = {k: v for k, v in log.columns.items() if not k.startswith(("motor_current", "motor_torque"))}
     shown = dict(sight.replays[0].columns)  # the plain replay: what its current's sensors read
-    for j, (added, flows) in enumerate(zip(torque, currents, strict=True), 1):
+    names = _read(sight)
+    for j, (added, flows, name) in enumerate(zip(torque, currents, names, strict=True), 1):
         own = arm.input_names[j - 1]
         command = commanded(own)
         columns[command] = commands[:, j - 1] + np.interp(log.time, sight.time, added) / gains[j - 1]
         if flows is not None:  # a current that is read in a row flowed before it
-            beside = flows(_lagged(log[command]))
-            columns[command] = columns[command] + np.append(beside[1:], beside[-1])
-            shown[own] = shown[own] + beside
+            beside = flows(_lagged(log[commanded(name)]))
+            acts = beside if name == own else beside / gains[j - 1]
+            columns[command] = columns[command] + np.append(acts[1:], acts[-1])
+            shown[name] = shown[name] + beside
     found = replay(arm, Log(log.time, columns, log.n_joints, log.source))
-    inputs = {name: values for name, values in shown.items() if name in arm.input_names}
-    return replace(found, columns={**found.columns, **inputs})
+    return replace(found, columns={**found.columns, **{name: shown[name] for name in names}})
+
+
+def _read(sight: Sight) -> list[str]:
+    """The columns of a replay that tell each joint's input: a current, or the torque that the log has in its place."""
+    plain = sight.replays[0].columns
+    return [next(f"{kind}_{j}" for kind in INPUTS if f"{kind}_{j}" in plain) for j in range(1, sight.n + 1)]
 
 
 def _current(shown: Portion, plain: Replay, name: str) -> Map | None:

@@ -25,6 +25,7 @@ KICKS = 5  # impulses on a link in a step
 SHARE = 0.02  # of the usual motor torque: unit of unexplained torque
 START = 3.0  # noise, by which a first position is moved
 TEMPERATURE = 12.0  # of the likelihood, in fits as in decisions: fits of one log end in places that differ by as much
+SHOWN = 1e-3  # noise, that a usual size moves a channel by at least, if that shows anything of it
 REACTION = 0.01  # s: a first velocity is moved by START noise in that time
 
 
@@ -108,6 +109,23 @@ class Design:
             other.__dict__["gram"] = self.gram
         return other
 
+    def widened(self, places: Sequence[int]) -> Design:
+        """The same with the columns of some parameters over a whole usual size: of what answers with a corner, or
+        beyond a limit, a small step says nothing."""
+        whole = [replace(self.words.columns[k], step=1.0) for k in places]
+        lanes = [_moved(self.shooting, self.words, self.point, c) for c in whole]
+        columns, head = self.columns.copy(), self.shooting.m + self.k
+        columns[[head + k for k in places]] = _differences(self.shooting, self.point, self.residual, lanes)
+        return replace(self, columns=columns)
+
+    def silent(self) -> frozenset[int]:
+        """Atoms of which no channel shows anything, in no size: of those another log may tell."""
+        own, head = self.words.columns, self.shooting.m + self.k
+        quiet = [k for k, c in enumerate(own) if c.atom >= 0 and not _shows(self.columns[head + k])]
+        wide = self.widened(quiet).columns[head:]
+        shown = {c.atom for k, c in enumerate(own) if k not in quiet or _shows(wide[k])}
+        return frozenset({own[k].atom for k in quiet} - shown)
+
     def moved(self, point: Point) -> Design:
         """The same columns with the residual of another point."""
         read, memory = self.shooting.recalled(point.lane)
@@ -125,6 +143,11 @@ def residual(shooting: Shooting, seen: Array) -> Array:
     apart is as wrong as one can be."""
     record = shooting.record
     return np.asarray(np.clip(record.told - seen, -record.span, record.span) / record.spread)
+
+
+def _shows(column: Array) -> bool:
+    """Whether a usual size moves a channel somewhere by more than rounding does."""
+    return bool(np.abs(column).max(initial=0.0) > SHOWN)
 
 
 def torque_units(shooting: Shooting) -> Array:
@@ -149,12 +172,16 @@ def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:
     torques = [(lane, 1.0) for lane in _torques(shooting, point)]
     lanes = _first(shooting, point) + torques + [_moved(shooting, words, point, c) for c in words.columns]
     left = residual(shooting, read)  # held to the channels' ranges: of what flies apart no slope says anything
+    return Design(shooting, words, point, _differences(shooting, point, left, lanes), left, len(torques))
+
+
+def _differences(shooting: Shooting, point: Point, left: Array, lanes: Sequence[tuple[Lane, float]]) -> Array:
+    """The columns (C, R M) of lanes about a point that leaves ``left`` (R, M), each over its step."""
     columns = np.empty((len(lanes), left.size))
-    for c, (seen, (_, step)) in enumerate(
-        zip(shooting.near(point.lane, [lane for lane, _ in lanes]), lanes, strict=True)
-    ):
-        columns[c] = ((left - residual(shooting, seen)) / step).reshape(-1)
-    return Design(shooting, words, point, columns, left, len(torques))
+    seen = shooting.near(point.lane, [lane for lane, _ in lanes])
+    for column, read, (_, step) in zip(columns, seen, lanes, strict=True):
+        column[:] = ((left - residual(shooting, read)) / step).reshape(-1)
+    return columns
 
 
 def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Design:

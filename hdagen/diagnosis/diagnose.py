@@ -16,7 +16,7 @@ from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings
 from hdagen.diagnosis.foreign import foreign
-from hdagen.diagnosis.ladder import ladder
+from hdagen.diagnosis.ladder import ladder, left_by
 from hdagen.diagnosis.lasting import lasting
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.portion import SHARE, Portion, parted
@@ -43,7 +43,6 @@ BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 class Diagnosis:
     """What the search found, and the replays of the held-out data before and after."""
 
-    robot: str
     search: Search
     decision: Decision
     content: dict[str, Any]
@@ -114,13 +113,14 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
     content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)
+    content["causes"] = [cause | {"gap_after": left_by(cause, content["ladder"])} for cause in content["causes"]]
     say("where and when")
     sight = look(changed, content, held_out.log, before, after)
     content["where"] = where(sight, content, held_out.rows)
     content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out) | of_data
-    return Diagnosis(str(robot), found, decision, content, before, after, held_out, sight)
+    return Diagnosis(found, decision, content, before, after, held_out, sight)
 
 
 def _own(decision: Decision, logs: Sequence[Log]) -> Decision:

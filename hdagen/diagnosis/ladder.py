@@ -5,7 +5,7 @@ A probability says how well a hypothesis tells the fitted motion; a rung, how fa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from hdagen import verdict
@@ -46,3 +46,9 @@ def ladder(
         for (model, names, p), (value, interval) in zip(rungs, left, strict=True)
     ]
     return sorted(found, key=lambda one: -float(one["gap"]))
+
+
+def left_by(cause: Mapping[str, Any], rungs: Sequence[Mapping[str, Any]]) -> float | None:
+    """What the best rung with a cause leaves of the gap; None where none with it was replayed."""
+    name = f"{cause['effect']}@{cause['joint']}"
+    return min((float(rung["gap"]) for rung in rungs if name in rung["effects"]), default=None)

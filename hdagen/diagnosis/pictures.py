@@ -129,7 +129,8 @@ def _plain(sight: Sight, entry: str, place: str, over: Abscissa, joints: Sequenc
 
 CAPTION = (
     "Points: what the log has beyond the base parameters and everything else of the verdict. Dashed: mean of the "
-    "points in narrow bins. Solid: what the effect adds in the model with the fitted parameters."
+    "points in narrow bins. Solid: what the effect adds in the model with the fitted parameters. Both passed the "
+    "filter with which the motion is differentiated: what is fast shows smaller than it is."
 )
 
 

@@ -106,8 +106,9 @@ def _bins(values: Array) -> tuple[np.ndarray, int]:
 
 
 def _sums(labels: np.ndarray, count: int, values: Array) -> Array:
-    """Sum of ``values`` in each bin (count, SHIFTS + 1): as they are, then shifted around by one step after another."""
-    steps = np.linspace(0, len(values), SHIFTS + 2)[:-1].round().astype(int)
+    """Sum of ``values`` in each bin (count, S): as they are, then shifted around by one step after another, as many as
+    SHIFTS or as they have."""
+    steps = np.unique(np.linspace(0, len(values), SHIFTS + 2)[:-1].round().astype(int) % len(values))
     other = np.fft.rfft(values).conj()
     kinds = np.arange(count)[:, None] == labels
     return np.asarray(np.fft.irfft(np.fft.rfft(kinds) * other, len(values))[:, steps])

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hdagen.diagnosis.candidates import PRESENT
-from hdagen.diagnosis.diagnose import BLOCKS, Diagnosis
+from hdagen.diagnosis.diagnose import Diagnosis
 from hdagen.diagnosis.maps import COLORS, maps
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.pictures import pictures
@@ -30,8 +30,8 @@ TOLD = (0.5, 0.9)  # posterior by prior width, up to which the data said much, a
 LAG = 0.25  # s, of the correlations of what is left
 
 
-def write(diagnosis: Diagnosis, path: Path) -> None:
-    """report.html."""
+def write(diagnosis: Diagnosis, path: Path, again: str) -> None:
+    """report.html; ``again``: how it is made again."""
     content, held, sight = diagnosis.content, diagnosis.held_out, diagnosis.sight
     page.write(
         path,
@@ -47,7 +47,7 @@ def write(diagnosis: Diagnosis, path: Path) -> None:
             _left(held, diagnosis.before, diagnosis.after),
             _data(content),
         ],
-        _again(diagnosis.robot, content),
+        again,
     )
 
 
@@ -123,9 +123,10 @@ def _candidates(content: dict[str, Any]) -> Section:
         f"{100 * PRESENT:g} % of its usual size counts as none.{_lasting(content)}\n\n{confounded(content)}"
     )
     if unseen := content["unseen"]:
+        this = "Beside what is unknown this" if _unknown(content) else "This"
         text += (
-            f"\n\nThis motion would not show, even in their usual size: {', '.join(words(o) for o in unseen)}. "
-            "hdagen excite designs one that does."
+            f"\n\n{this} log would not show, even in their usual size: {', '.join(words(o) for o in unseen)}. "
+            "hdagen excite designs a motion that does, of those that show in the encoders and the current at all."
         )
     others = sum(float(r[1]) for r in rows[named:])
     together = f"{others:.2g}" if others >= NEVER else LITTLE
@@ -133,6 +134,10 @@ def _candidates(content: dict[str, Any]) -> Section:
     listed = [[name, p if float(p) >= NEVER else LITTLE] for name, p in rows[:named]]
     figures.append(table("Hypotheses", ["hypothesis", "probability"], listed, caption=rest))
     return Section("How sure", text, [*figures, *_alone(content)])
+
+
+def _unknown(content: dict[str, Any]) -> bool:
+    return any(name.startswith("unknown@") for name in content["verdict"])
 
 
 def _lasting(content: dict[str, Any]) -> str:
@@ -201,7 +206,7 @@ def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
         for k, e in enumerate(entries)
         if e["share"] is not None
     ]
-    known = [part for part in parts if not part[0].startswith("unknown@")] or parts  # whose share is of what is left
+    known = [part for part in parts if not part[0].startswith("unknown@")]  # whose share is of what is left
     if known:
         figures.append(
             bars(
@@ -277,7 +282,7 @@ def _parameters(sight: Sight, content: dict[str, Any]) -> Section:
         "data said nothing."
     )
     if count:
-        text += f" The first {count} are those of the verdict's effects."
+        text += f" Those of the verdict's effects come first ({count})."
     return Section("Parameters", text, [table("Parameters", columns, rows, digits=3)])
 
 
@@ -360,13 +365,15 @@ def _left(held: Portion, before: Replay, after: Replay) -> Section:
 def _data(content: dict[str, Any]) -> Section:
     """Rate, what was lost, repaired, missing; noise and step of every channel."""
     data = content["data"]
-    jitter = round(100 * data.get("jitter", 0), 6)
-    lost = f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, jitter {jitter:.2g} %"
+    jitter = data.get("jitter", 0.0)
+    beside = f"jitter {1e6 * jitter:.2g} µs, {100 * jitter * data['rate']:.2g} % of a period"
+    lost = f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, {beside}"
     said = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {lost}."]
     for heading, key in (
         ("Repaired", "repaired"),
         ("Not logged", "missing"),
         ("Warnings", "warnings"),
+        ("Noticed", "noticed"),
         ("Skews", "skews"),
         ("Notes", "notes"),
     ):
@@ -381,16 +388,3 @@ def _data(content: dict[str, Any]) -> Section:
         rows = [[name.replace("_", " "), value] for name, value in lags.items()]
         figures.append(table("Measured inputs behind their commands", ["channel", "lag (s)"], rows, digits=3))
     return Section("The data", "\n\n".join(said), figures)
-
-
-def _again(robot: str, content: dict[str, Any]) -> str:
-    log, held = (content["data"][key].replace(", ", " ") for key in ("log", "held_out"))
-    other = "" if content["data"]["held_out"] == BLOCKS else f" --hold-out {held}"
-    digest = content["robot"].get("sha256")
-    return (
-        f"    hdagen diagnose {robot} {log}{other}\n"
-        f"    hdagen replay {robot} {log} --with diagnosis.json --out predicted.parquet\n"
-        f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
-        + (f"The robot file's SHA-256 is {digest}. " if digest else "")
-        + "The same input gives the same diagnosis."
-    )

@@ -52,7 +52,8 @@ Begin = tuple[Callable[[Fitted, Dictionary, tuple[int, ...]], Fitted], tuple[int
 @dataclass(frozen=True, eq=False)
 class Search:
     """``fitted``: none, the leading effects and sets of them where they stand, the most probable first; ``screened``:
-    every effect in the linear model about the robot file's own numbers, the most probable first."""
+    every effect that the log could show in the linear model about the robot file's own numbers, the most probable
+    first."""
 
     words: Dictionary
     fitted: tuple[Fitted, ...]
@@ -66,7 +67,8 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     words = _words(shooting)
     say(f"screening {len(words.atoms)} candidates")
     at = design(shooting, words, first(shooting, words))
-    singles = [(), *((k,) for k in range(len(words.atoms)))]
+    silent = at.silent()
+    singles = [(), *((k,) for k in range(len(words.atoms)) if k not in silent)]
     screened = score(posteriors(at.linear(), words.spike), words, singles)
     starts = scan(at, words)
     at.gram.forget()

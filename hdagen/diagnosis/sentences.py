@@ -77,7 +77,8 @@ def _nothing(content: dict[str, Any]) -> str:
     """Why no effect is named: none is likely, or one is, but not sure enough."""
     first = content["hypotheses"][0]
     if not first["effects"]:
-        return "No effect above the size that counts was found"
+        p = f"{first['probability']:.2f}{calibrated(content)}"
+        return f"No effect above the size that counts was found (probability {p})"
     none = next(h["probability"] for h in content["hypotheses"] if not h["effects"])
     each, p = _each(first["effects"]), first["probability"]
     return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
@@ -102,8 +103,8 @@ def _beside(gap: dict[str, Any]) -> str:
     """The verdict beside a flexible correction."""
     before, after, flexible = gap["before"], gap["after"], gap["achievable"]
     if flexible >= before:
-        return "; a flexible correction without structure reaches nothing"
-    reached = f"; a flexible correction without structure reaches {_times(flexible)}"
+        return "; a flexible correction without structure closes nothing"
+    reached = f"; a flexible correction without structure brings it to {_times(flexible)}"
     if after <= flexible:
         return reached
     return f"{reached}; the verdict closes {100 * (before - after) / (before - flexible):.0f} % of what that does"
@@ -136,6 +137,8 @@ def confounded(content: dict[str, Any]) -> str:
     likely = [name for name, c in causes.items() if c["probability"] >= LIKELY and name in shown]
     named = [name for name in content["verdict"] if name in causes]
     if not named:
+        if content["verdict"] and not likely:
+            return "No known effect explains the log nearly as well as something unknown."
         if not likely:
             return "Of what this motion shows, nothing explains the log nearly as well as no effect."
         each = ", ".join(f"{words(name)} ({causes[name]['probability']:.2f})" for name in likely)

@@ -61,10 +61,13 @@ class Between:
     torque: Array
 
     def told(self, which: Mask, rows: Mask) -> Array:
-        """Coefficients of the terms of ``which`` parameters and of torque, as ``rows`` tell them; 0 of the others."""
+        """Coefficients of the terms of ``which`` parameters and of torque, as ``rows`` tell them; 0 of the others, and
+        of all where there is no row, as of a joint that never bears a torque."""
         columns = np.concatenate([self.terms[:, which], self.borne], 1)
         some = [q for q, one in zip(self.parameters, which, strict=True) if one]
         found = np.zeros(len(which) + self.borne.shape[1])
+        if not rows.any():
+            return found
         chosen = np.append(which, np.ones(self.borne.shape[1], bool))
         found[chosen] = _regressed(columns[rows], self.twist[rows], _bounds(some, columns))
         return found

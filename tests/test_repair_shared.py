@@ -1,0 +1,112 @@
+"""No log is judged by its own rows: a hold-out that holds a part of the log, however it was cut, is refused; another
+recording of the same motion is not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pytest
+from damage import changed, dropped, kept, times, without, wrapped
+from replayed import FLEXIBLE, JOINT, MOTOR, NOISE, simulated
+
+from hdagen.channels import describe
+from hdagen.log import Log, LogError, read
+from hdagen.plant import Arm
+from hdagen.repair import _shared, prepared
+
+
+@pytest.fixture(scope="module")
+def arm(build: Callable) -> Arm:
+    """The arm of the simulated log."""
+    return Arm(build(FLEXIBLE).folder)
+
+
+@pytest.fixture(scope="module")
+def good(arm: Arm) -> Log:
+    """A log without a mistake, under gravity, driven in open loop."""
+    return simulated(arm, 3.0)
+
+
+# a log that is no other recording: how it is made of the log
+SHARED: dict[str, Callable[[Log], Log]] = {
+    "the log itself": lambda log: log,
+    "its end": lambda log: log.rows(1800, len(log)),
+    "its end, timed anew": lambda log: Log(log.time[:1200], log.rows(1800, 3000).columns, 2, "simulated"),
+    "every second row": lambda log: kept(log, np.arange(len(log)) % 2 == 0),
+    "every third row of its end": lambda log: kept(log, np.arange(len(log)) % 3 + 3 * (np.arange(len(log)) < 900) == 1),
+    "rows lost": dropped(0.05),
+    "another current": lambda log: changed(log, motor_current_1=log["motor_current_1"] + 1e-6),
+    "a column less": lambda log: without(log, "motor_current"),
+    "an encoder less": lambda log: without(log, "motor_position"),
+    "in milliamperes": times(
+        1e3, *(f"{base}_{j}" for base in ("motor_current", "motor_current_command") for j in (1, 2))
+    ),
+    "in degrees": times(180 / math.pi, "motor_position_1", "joint_position_1"),
+    "wrapped, its end": lambda log: wrapped("motor_position_1")(log.rows(1800, len(log))),
+    "in single precision": lambda log: changed(log, **{n: np.float64(np.float32(v)) for n, v in log.columns.items()}),
+}
+
+
+@pytest.mark.parametrize("what", SHARED)
+def test_a_hold_out_that_shares_rows_with_the_log_is_refused(what: str, good: Log, arm: Arm) -> None:
+    for log, held in ((good, SHARED[what](good)), (SHARED[what](good), good)):
+        with pytest.raises(LogError, match="the hold-out is the log itself or a part of it") as raised:
+            prepared(arm, [log], [held])
+        assert len(raised.value.problems) == 1 and raised.value.problems[0].endswith("give another motion.")
+
+
+def test_another_recording_of_the_same_motion_is_a_hold_out(good: Log, arm: Arm) -> None:
+    """Between two recordings encoders differ by a count here and there, and not at all while the joints rest."""
+    rng = np.random.default_rng(4)
+    resting = np.repeat(np.arange(len(good)), np.where(np.arange(len(good)) == 1500, 400, 1))[: len(good)]
+
+    def rested(log: Log, shaken: float) -> Log:
+        columns = {name: values[resting] for name, values in log.columns.items()}
+        for name in (name for name in columns if "_position_" in name):
+            step = MOTOR if "motor" in name else JOINT
+            moved = columns[name] + shaken * step * rng.standard_normal(len(log)) * (np.diff(resting, prepend=0) != 0)
+            columns[name] = np.round(moved / step) * step
+        for name in ("motor_current_1", "motor_current_2"):
+            columns[name] = columns[name] + NOISE * rng.standard_normal(len(log))
+        return Log(log.time, columns, log.n_joints, log.source)
+
+    prepared(arm, [rested(good, 0.0)], [rested(good, 1.0)])
+    with pytest.raises(LogError, match="the hold-out is the log itself"):
+        prepared(arm, [rested(good, 0.0)], [rested(good, 0.0)])
+
+
+def test_a_joint_that_is_held_at_zero_hides_no_shared_recording(good: Log) -> None:
+    held = changed(good, motor_position_2=np.zeros(len(good)), joint_position_2=np.zeros(len(good)))
+    assert _shared(held, held.rows(1800, 3000), {"motor_position_1": MOTOR / 4, "joint_position_1": JOINT / 4})
+
+
+def test_no_made_log_is_taken_for_its_hold_out(data_dir: Path) -> None:
+    paths = sorted((data_dir / "made").glob("*/case-*/log.parquet"))
+    if not paths:
+        pytest.skip("there are no made logs")
+    for path in paths:
+        log, held = (read(path.with_name(name), joints=2) for name in ("log.parquet", "hold_out.parquet"))
+        noise = {channel.name: channel.noise for channel in map(describe, log.columns, log.columns.values())}
+        assert _shared(log, held, noise) is None, path
+        assert _shared(log, log.rows(4000, len(log)), noise), path
+
+
+def test_a_shared_recording_is_looked_for_quickly() -> None:
+    """A minute of two joints at 1 kHz; in the worst case none is there and one joint rests."""
+    time = np.arange(60_000) * 1e-3
+    rng = np.random.default_rng(5)
+    pair = []
+    for _ in range(2):
+        angle = np.sin(np.outer(time, [1.7, 2.3]) + rng.uniform(0, 6, 2))
+        angle[:, 0] *= time > 30
+        columns = {f"joint_position_{j}": np.round(angle[:, j - 1] / JOINT) * JOINT for j in (1, 2)}
+        columns |= {f"motor_position_{j}": np.round(100 * angle[:, j - 1] / MOTOR) * MOTOR for j in (1, 2)}
+        pair.append(Log(time, columns, 2, "made"))
+    noise = dict.fromkeys(pair[0].columns, JOINT / 4)
+    start = perf_counter()
+    assert _shared(pair[0], pair[1], noise) is None
+    assert perf_counter() - start < 1.0  # 0.05 s on a processor of one's own
