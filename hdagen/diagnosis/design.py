@@ -112,18 +112,22 @@ class Design:
     def widened(self, places: Sequence[int]) -> Design:
         """The same with the columns of some parameters over a whole usual size: of what answers with a corner, or
         beyond a limit, a small step says nothing."""
+        columns, head = self.columns.copy(), self.shooting.m + self.k
+        columns[[head + k for k in places]] = self._whole(places)
+        return replace(self, columns=columns)
+
+    def _whole(self, places: Sequence[int]) -> Array:
+        """Those columns (K, R M)."""
         whole = [replace(self.words.columns[k], step=1.0) for k in places]
         lanes = [_moved(self.shooting, self.words, self.point, c) for c in whole]
-        columns, head = self.columns.copy(), self.shooting.m + self.k
-        columns[[head + k for k in places]] = _differences(self.shooting, self.point, self.residual, lanes)
-        return replace(self, columns=columns)
+        return _differences(self.shooting, self.point, self.residual, lanes)
 
     def silent(self) -> frozenset[int]:
         """Atoms of which no channel shows anything, in no size: of those another log may tell."""
         own, head = self.words.columns, self.shooting.m + self.k
         quiet = [k for k, c in enumerate(own) if c.atom >= 0 and not _shows(self.columns[head + k])]
-        wide = self.widened(quiet).columns[head:]
-        shown = {c.atom for k, c in enumerate(own) if k not in quiet or _shows(wide[k])}
+        whole = dict(zip(quiet, self._whole(quiet), strict=True))
+        shown = {c.atom for k, c in enumerate(own) if k not in whole or _shows(whole[k])}
         return frozenset({own[k].atom for k in quiet} - shown)
 
     def moved(self, point: Point) -> Design:
