@@ -125,8 +125,8 @@ def _one(options: argparse.Namespace) -> int:
 
 def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
     """The commands that make it again, and use it, as a shell takes them."""
-    robot, columns = shlex.quote(str(options.robot)), shlex.join(["--columns", str(options.columns)])
-    mapped = f" {columns}" if options.columns else ""
+    robot = shlex.quote(str(options.robot))
+    mapped = f" --columns {shlex.quote(str(options.columns))}" if options.columns else ""
     held = f" --hold-out {shlex.join(map(str, options.hold_out))}" if options.hold_out else ""
     motion = shlex.quote(str((options.hold_out or options.logs)[0]))
     digest = content["robot"].get("sha256")

@@ -42,6 +42,7 @@ from hdagen.safe_motion import (
     motions,
     seen,
     shares,
+    units,
     with_size,
 )
 from hdagen.simulate import Simulation
@@ -260,12 +261,9 @@ def _too_narrow(
         if kind == "tip":
             (low, high), unit = limits.tip["xy".index(number)], "m"
         else:
-            j, turns = int(number) - 1, arm.robot["joints"][int(number) - 1]["kind"] == "revolute"
-            length, effort = ("rad", "N m") if turns else ("m", "N")
-            most = {"position": limits.position, "speed": limits.speed, "torque": limits.torque}
-            low, high = limits.position[j] if kind == "position" else (0.0, most.get(kind, limits.current)[j])
-            units = {"position": length, "speed": f"{length}/s", "torque": effort}
-            unit = units.get(kind, arm.manifest["input"][j]["unit"])
+            j, most = int(number) - 1, {"speed": limits.speed, "torque": limits.torque, "current": limits.current}
+            low, high = limits.position[j] if kind == "position" else (0.0, most[kind][j])
+            unit = units(arm, j)[kind]
         wide = "a range of " if kind in ("tip", "position") else ""
         takes.append(f"{wide}{name} of at least {(high - low) * share / MARGIN:.2g} {unit} ({high - low:.2g} is given)")
     whys = "; ".join(f"{t.name}: {t.why}" for t in tried[:3])

@@ -135,7 +135,7 @@ def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
             continue
         wanted = "current" if arm.input_names[j - 1].startswith("motor_current") else "torque"
         if "torque" in name and wanted == "current":
-            values = values / arm.parameters.described[f"torque_constant_{j}"].nominal
+            values = values / _constant(arm, j)
         elif "current" in name and wanted == "torque":
             problems.append(
                 f"{log.source}: {name} is a current and the robot file has no torque_constant for joint {j}: "
@@ -300,8 +300,8 @@ def _before(arm: Arm, log: Log, first: Array) -> Array:
     for j in range(1, arm.n + 1):
         if arm.input_names[j - 1] in log:
             before[0, j - 1] = log[arm.input_names[j - 1]][0]
-        elif f"motor_torque_{j}" in log and f"torque_constant_{j}" in arm.parameters.described:
-            before[0, j - 1] = log[f"motor_torque_{j}"][0] / arm.parameters.described[f"torque_constant_{j}"].nominal
+        elif f"motor_torque_{j}" in log:
+            before[0, j - 1] = log[f"motor_torque_{j}"][0] / _constant(arm, j)
     return before
 
 
@@ -310,7 +310,12 @@ def _input_column(arm: Arm, log: Log, j: int, values: Array) -> dict[str, Array]
     own = arm.input_names[j - 1]
     if own.startswith("motor_torque") or f"motor_current_{j}" in log or f"motor_current_command_{j}" in log:
         return {own: values.copy()}
-    return {f"motor_torque_{j}": values * arm.parameters.described[f"torque_constant_{j}"].nominal}
+    return {f"motor_torque_{j}": values * _constant(arm, j)}
+
+
+def _constant(arm: Arm, j: int) -> float:
+    """Torque by current as the robot file has it, N m/A, of a joint whose input is a current."""
+    return arm.parameters.described[f"torque_constant_{j}"].nominal
 
 
 def _noise(arm: Arm, name: str, values: Array) -> float:
@@ -319,9 +324,8 @@ def _noise(arm: Arm, name: str, values: Array) -> float:
     stated = arm.robot["joints"][int(j) - 1]["sensor"]
     side = quantity.split("_")[0]
     known = encoder_noise(stated, side) if quantity.endswith("position") else stated["current_noise"]
-    if quantity == "motor_torque":  # which stands for the current that is measured, where the robot file knows that
-        constant = arm.parameters.described.get(f"torque_constant_{j}")
-        known = known * constant.nominal if constant else None
+    if quantity == "motor_torque":  # which stands for a current, whose noise the robot file states, or is the input
+        known = 0.0 if name in arm.input_names else known * _constant(arm, int(j))
     return float(known or describe(name, values).noise)
 
 

@@ -121,30 +121,41 @@ def _narrow(
     return []
 
 
+def units(arm: Arm, j: int) -> dict[str, str]:
+    """Unit of each kind of limit of joint j (from 0)."""
+    length, effort = ("rad", "N m") if arm.robot["joints"][j]["kind"] == "revolute" else ("m", "N")
+    return {
+        "position": length,
+        "speed": f"{length}/s",
+        "torque": effort,
+        "current": arm.manifest["input"][j]["unit"],
+    }
+
+
 def _stated(arm: Arm) -> tuple[Limits, dict[tuple[str, int], str]]:
     """The robot file's limits, and where it states none what is assumed: a sentence by (kind, joint from 0)."""
     n, assumed, full = arm.n, {}, full_torque(arm)
     position = np.empty((n, 2))
     most = {kind: np.empty(n) for kind in ("speed", "torque", "current")}
     for j, joint in enumerate(arm.robot["joints"]):
-        own, drive, slot = joint["limits"], joint["drive"], arm.manifest["input"][j]
-        turns = joint["kind"] == "revolute"
-        middle, length, effort = (START, "rad", "N m") if turns else (0.0, "m", "N")
+        own, drive, slot, unit = joint["limits"], joint["drive"], arm.manifest["input"][j], units(arm, j)
+        middle = START if joint["kind"] == "revolute" else 0.0
         reach, fast = ASSUMED[joint["kind"]]
         position[j] = own["position"] or (middle - reach, middle + reach)
         if not own["position"]:
             low, high = position[j]
-            assumed["position", j] = (
-                f"position of joint {j + 1}: no limit is stated; {low:.3g} to {high:.3g} {length} is assumed."
-            )
-        for kind, stated, without, unit in (
-            ("speed", own["speed"], fast, f"{length}/s"),
-            ("torque", own["torque"], full[j], effort),
-            ("current", drive["max_current"], slot["bound"], slot["unit"]),
+            taken = f"{low:.3g} to {high:.3g} {unit['position']}"
+            assumed["position", j] = f"position of joint {j + 1}: no limit is stated; {taken} is assumed."
+        for kind, stated, without in (
+            ("speed", own["speed"], fast),
+            ("torque", own["torque"], full[j]),
+            ("current", drive["max_current"], slot["bound"]),
         ):
             most[kind][j] = stated or without
             if not stated:
-                assumed[kind, j] = f"{kind} of joint {j + 1}: no limit is stated; {without:.3g} {unit} is assumed."
+                assumed[kind, j] = (
+                    f"{kind} of joint {j + 1}: no limit is stated; {without:.3g} {unit[kind]} is assumed."
+                )
     return Limits(position, most["speed"], most["torque"], most["current"], np.array([[-np.inf, np.inf]] * 2)), assumed
 
 

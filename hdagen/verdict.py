@@ -34,14 +34,14 @@ class Named:
 @dataclass(frozen=True)
 class Verdict:
     """``effects`` to add; ``unknown``: joints of gaps that no effect explains; ``base`` parameters by the model's names
-    (``mass_1``), without those of the effects; ``source`` for sentences; ``robot``: name and SHA-256 of the file that
-    was diagnosed (None: not stated, or no file)."""
+    (``mass_1``), without those of the effects; ``source`` for sentences; ``robot``: name of what was diagnosed, and
+    SHA-256 of its file (None: a preset); None where a diagnosis does not say."""
 
     source: str
     effects: tuple[Named, ...]
     unknown: tuple[int, ...]
     base: Mapping[str, float]
-    robot: tuple[str | None, str | None] = None, None
+    robot: tuple[str, str | None] | None = None
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -90,18 +90,8 @@ def with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
     the diagnosis is of another robot, or of its file before it was changed, too."""
     arm = load(robot, profile)
     _fits(arm, verdict)
-    name, digest = verdict.robot
-    if name not in (None, arm.robot["name"]):
-        raise PlantError(
-            f"{verdict.source}: the diagnosis is of the robot {name!r:.90}, {robot} is of {arm.robot['name']!r:.90}; "
-            "name the file that was diagnosed."
-        )
-    file = Path(robot)
-    if digest and file.is_file() and digest != hashlib.sha256(file.read_bytes()).hexdigest():
-        raise PlantError(
-            f"{verdict.source}: {robot} is not the file that was diagnosed, or has changed since (its SHA-256 is "
-            "another); name the file as it was, or diagnose again."
-        )
+    if verdict.robot is not None:
+        _same(robot, arm, verdict.source, *verdict.robot)
     added = _absent(arm, verdict)
     if not added:
         return arm
@@ -154,16 +144,30 @@ def _fits(arm: Arm, verdict: Verdict) -> None:
         )
 
 
-def _robot(stated: Any, source: str, problems: list[str]) -> tuple[str | None, str | None]:
+def _robot(stated: Any, source: str, problems: list[str]) -> tuple[str, str | None] | None:
     """Name and SHA-256 of what was diagnosed."""
-    if stated is None:
-        return None, None
     if isinstance(stated, Mapping):
-        name, digest = stated.get("name"), stated.get("sha256")
-        if isinstance(name, str | None) and isinstance(digest, str | None):
+        name, digest = stated.get("name"), stated.get("sha256", 0)
+        if isinstance(name, str) and isinstance(digest, str | None):
             return name, digest
-    problems.append(f"{source}, robot: possible is an object with name and sha256; diagnose again.")
-    return None, None
+    if stated is not None:
+        problems.append(f"{source}, robot: possible is an object with name and sha256; diagnose again.")
+    return None
+
+
+def _same(robot: str | Path, arm: Arm, source: str, name: str, digest: str | None) -> None:
+    """Refuses a ``robot`` that is not the one of this name, or whose file is not the one that was diagnosed."""
+    if name != arm.robot["name"]:
+        raise PlantError(
+            f"{source}: the diagnosis is of the robot {name!r:.90}, {robot} is of {arm.robot['name']!r:.90}; name the "
+            "file that was diagnosed."
+        )
+    file = Path(robot)
+    if file.is_file() and digest != hashlib.sha256(file.read_bytes()).hexdigest():
+        raise PlantError(
+            f"{source}: {robot} is not the file that was diagnosed, or has changed since (its SHA-256 is another); "
+            "name the file as it was, or diagnose again."
+        )
 
 
 def _absent(arm: Arm, verdict: Verdict) -> tuple[str, ...]:

@@ -10,9 +10,12 @@ from pathlib import Path
 
 import pytest
 from compiled import Compiled, load
+from replayed import FLEXIBLE, simulated
 
 from gen.build import build as make
+from hdagen.log import Log
 from hdagen.paper.prototype import ROBOT, TABLE_1, Bench
+from hdagen.plant import Arm
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -66,6 +69,18 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
 def bench(build: Callable[..., Compiled]) -> Bench:
     """The paper's virtual prototype with its builds, native; runs that tests share are made once."""
     return Bench(folders={robot: build(robot, "native").folder for robot in (ROBOT, TABLE_1)})
+
+
+@pytest.fixture(scope="module")
+def arm(build: Callable[..., Compiled]) -> Arm:
+    """The arm of the simulated log."""
+    return Arm(build(FLEXIBLE).folder)
+
+
+@pytest.fixture(scope="module")
+def good(arm: Arm) -> Log:
+    """A log without a mistake, under gravity, driven in open loop."""
+    return simulated(arm, 3.0)
 
 
 @pytest.fixture(scope="session")

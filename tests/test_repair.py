@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from damage import LESSENED, MENDED, REFUSED, changed, cut, dropped, holes, kept, later, sparse, stuck, times, without
 from real_examples import EXAMPLES, recorded, run
-from replayed import FLEXIBLE, JOINT, NOISE, SENSORS, simulated
+from replayed import FLEXIBLE, JOINT, NOISE, SENSORS
 
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
@@ -21,18 +21,6 @@ from hdagen.log import Log, LogError, read, write
 from hdagen.plant import Arm
 from hdagen.repair import prepared, repair, segments
 from hdagen.triage import look
-
-
-@pytest.fixture(scope="module")
-def arm(build: Callable) -> Arm:
-    """The arm of the simulated log."""
-    return Arm(build(FLEXIBLE).folder)
-
-
-@pytest.fixture(scope="module")
-def good(arm: Arm) -> Log:
-    """A log without a mistake, under gravity, driven in open loop."""
-    return simulated(arm, 3.0)
 
 
 @pytest.fixture(scope="module")

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from damage import spiked, times
-from replayed import FLEXIBLE, simulated
 
+from hdagen.log import Log
 from hdagen.plant import Arm
 from hdagen.repair import repair
 
 
-def test_a_spike_of_current_is_told_with_its_numbers(build: Callable) -> None:
+def test_a_spike_of_current_is_told_with_its_numbers(good: Log, arm: Arm) -> None:
     """One row says nothing of a column's unit, and a whole column in mA has no row that is out of line."""
-    arm = Arm(build(FLEXIBLE).folder)
-    good = simulated(arm, 3.0)
     log, repairs, _ = repair(spiked("motor_current_1", 1e5, 1000)(good), arm)
     (said,) = (one for one in repairs if one.name == "spike")
     assert said.joint == 1 and said.sentence.startswith(

@@ -19,6 +19,7 @@ import numpy as np
 from hdagen.columns import commanded
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.portion import Mask, Portion
+from hdagen.diagnosis.shooting import DRIVES
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.replay import Replay, driven_by, replay
@@ -30,7 +31,6 @@ SLOW = 0.02  # of the usual speed, at which a direction is half decided
 LAGS = 8  # rows of the command that the current's correction sees
 RIDGES = np.geomspace(1e-6, 1e2, 9)  # of the mean square of the features
 BLOCKS = 8  # of time, each left out once
-INPUTS = "motor_current", "motor_torque"
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +193,7 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
 def _read(sight: Sight) -> list[str]:
     """The columns of a replay that tell each joint's input: a current, or the torque that the log has in its place."""
     plain = sight.replays[0].columns
-    return [next(f"{kind}_{j}" for kind in INPUTS if f"{kind}_{j}" in plain) for j in range(1, sight.n + 1)]
+    return [next(f"{kind}_{j}" for kind in DRIVES if f"{kind}_{j}" in plain) for j in range(1, sight.n + 1)]
 
 
 def _current(shown: Portion, plain: Replay, name: str) -> Map | None:
