@@ -22,8 +22,9 @@ from hdagen.columns import split_name
 from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
 from hdagen.stretches import stretches
-from hdagen.suspicion import against_model, inputs
+from hdagen.suspicion import against_model
 from hdagen.suspicion.finding import Finding, Severity, in_words
+from hdagen.suspicion.misread import misread
 from hdagen.table import Table
 from hdagen.triage import Triage, look
 
@@ -61,8 +62,8 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     ``log`` may hold NaN where a value is missing. Raises LogError with everything that no one but its owner can mend.
     """
     log, repairs = _without_holes(log)
-    log, spikes = _without_spikes(log, arm)
-    repairs += spikes
+    log, misread_ = _without_misread(log, arm)
+    repairs += misread_
     problems = _joints(log, arm)
     if problems:
         raise LogError(problems)
@@ -263,19 +264,20 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     return Log(log.time[kept], columns, log.n_joints, log.source, log.notes), repairs
 
 
-def _without_spikes(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
-    """The log without rows in which a current is one that no drive gives: as good as without a value."""
-    kept, repairs = np.ones(len(log), bool), []
-    for joint, one in enumerate(arm.robot["joints"], 1):
-        for name in (f"{base}_{joint}" for base in inputs.INPUTS if "current" in base and f"{base}_{joint}" in log):
-            if found := inputs.spikes(log, name, one["drive"]["max_current"]):
-                kept &= ~found.rows
-                sentence = f"{found.sentence}: these rows are taken out; look at what the logger wrote there."
-                repairs.append(Repair("spike", joint, sentence))
-    if not repairs:
+def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """The log without rows that were misread: as good as without a value."""
+    found = list(misread(log, [joint["drive"]["max_current"] for joint in arm.robot["joints"]]))
+    bad = np.any([one.rows for one in found], axis=0)
+    if not found:
         return log, []
-    columns = {name: values[kept] for name, values in log.columns.items()}
-    return Log(log.time[kept], columns, log.n_joints, log.source, log.notes), repairs
+    if np.mean(bad) > _LOST:
+        raise LogError(
+            [f"{log.source}: {one.sentence}: too many; record with a logger that keeps up." for one in found]
+        )
+    taken = "these rows are taken out; look at what the logger wrote there."
+    repairs = [Repair(one.name, one.joint, f"{one.sentence}: {taken}") for one in found]
+    columns = {name: values[~bad] for name, values in log.columns.items()}
+    return Log(log.time[~bad], columns, log.n_joints, log.source, log.notes), repairs
 
 
 def _too_little(log: Log, seen: Triage) -> list[str]:

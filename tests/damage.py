@@ -99,6 +99,34 @@ def sparse(name: str, share: float) -> Damage:
     return each(lambda v: np.where(np.random.default_rng(5).random(len(v)) < share, np.nan, v), name)
 
 
+def repeated(share: float) -> Damage:
+    """A share of the rows, at random, holds what the row before does, but for the time."""
+
+    def repeat(log: Log) -> Log:
+        rows = np.arange(len(log))
+        rows[np.random.default_rng(6).random(len(log)) < share] -= 1
+        rows = np.maximum(rows, 0)
+        return changed(log, **{name: values[rows] for name, values in log.columns.items()})
+
+    return repeat
+
+
+def frozen(name: str, first: float, share: float) -> Damage:
+    """One reading for a share of the log, from ``first``, a share too, on."""
+
+    def freeze(values: np.ndarray) -> np.ndarray:
+        values, row = values.copy(), round(first * len(values))
+        values[row : row + round(share * len(values))] = values[row]
+        return values
+
+    return each(freeze, name)
+
+
+def set_anew(name: str, row: int, by: float) -> Damage:
+    """``by`` more from that row on."""
+    return each(lambda values: values + np.where(np.arange(len(values)) < row, 0.0, by), name)
+
+
 def stuck(*names: str) -> Damage:
     return each(lambda values: np.full_like(values, values[0]), *names)
 
@@ -124,6 +152,7 @@ MENDED: dict[str, tuple[Damage, set[str]]] = {
     "one command in milliamperes": (times(1e3, "motor_current_command_2"), {"milliamperes"}),
     "a motor encoder wraps": (wrapped("motor_position_1"), {"wrapped"}),
     "both motor encoders wrap": (wrapped(*both("motor_position")), {"wrapped"}),
+    "a motor encoder loses a turn": (set_anew("motor_position_1", 1200, -2 * np.pi), {"wrapped"}),
     "a command logged late": (later(5, *both("motor_current_command")), {"row_shift"}),
 }
 # what is wrong: (damage, the names of what is mended, the log being another one afterwards)
@@ -134,6 +163,14 @@ LESSENED: dict[str, tuple[Damage, set[str]]] = {
     "a long hole": (holes("motor_current_1", 1000, 100), {"missing", "dropped"}),
     "one huge measured current": (spiked("motor_current_1", 1e5, 1000), {"spike", "dropped"}),
     "two commands beyond the drive": (spiked("motor_current_command_2", -100.0, 700, 1500), {"spike", "dropped"}),
+    "a reading that is wrong": (
+        lambda log: set_anew("joint_position_1", 801, -0.3)(set_anew("joint_position_1", 800, 0.3)(log)),
+        {"glitch", "dropped"},
+    ),
+    "3 % of the rows repeated": (repeated(0.03), {"stale", "dropped"}),
+    "a motor encoder frozen": (frozen("motor_position_2", 0.3, 0.06), {"stale", "dropped"}),
+    "a joint encoder frozen": (frozen("joint_position_1", 0.6, 0.05), {"stale", "dropped"}),
+    "a measured current frozen": (frozen("motor_current_2", 0.5, 0.07), {"stale", "dropped"}),
     "3 % without a value": (sparse("joint_position_2", 0.03), {"missing", "dropped"}),
     "the command under the name of a measurement": (
         lambda log: changed(log, motor_current_1=log["motor_current_command_1"]),
@@ -166,5 +203,7 @@ REFUSED: dict[str, tuple[Damage, str]] = {
     "currents zero": (times(0, "motor_current_1", "motor_current_command_1"), "stays at"),
     "motor encoder out of range": (cut(0.7, "motor_position_1"), "range has ended|stays at"),
     "joint encoder out of range": (cut(0.7, "joint_position_2"), "range has ended"),
+    "motor encoder frozen for long": (frozen("motor_position_1", 0.2, 0.25), "repeats the row before"),
+    "joint encoder set anew": (set_anew("joint_position_2", 1500, 0.05), "set anew"),
     "nothing moves": (stuck(*both(*POSITIONS)), "no joint moves"),
 }

@@ -148,7 +148,7 @@ def test_what_no_channel_shows_is_silent_and_what_shows_in_its_whole_size_is_not
     at = design(shooting, words, Point(*shooting.begin()))
     column = next(k for k, c in enumerate(words.columns) if c.parameter == "saturation_inverse_1")
     head = shooting.m + at.k
-    silent = {words.atoms[k].name for k in at.silent()}
+    silent = {words.atoms[k].name for k in at.whole().silent()}
     assert silent >= {"torque_sensor_gain@1"} and not {name for name in silent if "cable" in name}
     reached = np.abs(log["motor_current_command_1"]).max() * words.columns[column].unit > 1.0
     assert ("current_saturation@1" in silent) is not reached

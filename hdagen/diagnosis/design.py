@@ -113,22 +113,23 @@ class Design:
         """The same with the columns of some parameters over a whole usual size: of what answers with a corner, or
         beyond a limit, a small step says nothing."""
         columns, head = self.columns.copy(), self.shooting.m + self.k
-        columns[[head + k for k in places]] = self._whole(places)
-        return replace(self, columns=columns)
-
-    def _whole(self, places: Sequence[int]) -> Array:
-        """Those columns (K, R M)."""
         whole = [replace(self.words.columns[k], step=1.0) for k in places]
         lanes = [_moved(self.shooting, self.words, self.point, c) for c in whole]
-        return _differences(self.shooting, self.point, self.residual, lanes)
+        columns[[head + k for k in places]] = _differences(self.shooting, self.point, self.residual, lanes)
+        return replace(self, columns=columns)
+
+    def whole(self) -> Design:
+        """The same with the effects' columns over a whole usual size where a small step shows nothing."""
+        head = self.shooting.m + self.k
+        return self.widened(
+            [k for k, c in enumerate(self.words.columns) if c.atom >= 0 and not _shows(self.columns[head + k])]
+        )
 
     def silent(self) -> frozenset[int]:
-        """Atoms of which no channel shows anything, in no size: of those another log may tell."""
+        """Atoms of which no channel shows anything: of those another log may tell."""
         own, head = self.words.columns, self.shooting.m + self.k
-        quiet = [k for k, c in enumerate(own) if c.atom >= 0 and not _shows(self.columns[head + k])]
-        whole = dict(zip(quiet, self._whole(quiet), strict=True))
-        shown = {c.atom for k, c in enumerate(own) if k not in whole or _shows(whole[k])}
-        return frozenset({own[k].atom for k in quiet} - shown)
+        shown = {c.atom for k, c in enumerate(own) if _shows(self.columns[head + k])}
+        return frozenset({c.atom for c in own if c.atom >= 0} - shown)
 
     def moved(self, point: Point) -> Design:
         """The same columns with the residual of another point."""

@@ -67,9 +67,7 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
     words = _words(shooting)
     say(f"screening {len(words.atoms)} candidates")
     at = design(shooting, words, first(shooting, words))
-    silent = at.silent()
-    singles = [(), *((k,) for k in range(len(words.atoms)) if k not in silent)]
-    screened = score(posteriors(at.linear(), words.spike), words, singles)
+    screened = _screened(at.whole())
     starts = scan(at, words)
     at.gram.forget()
     none = next(s for s in screened if not s.atoms)
@@ -78,6 +76,13 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
         *_promising(at, words, screened, starts, (), FIELD[0], WORTH),
     ]
     return Search(words, tuple(raced(at, words, field, say)), tuple(screened))
+
+
+def _screened(at: Design) -> list[Scored]:
+    """None and every effect of which a channel shows anything, in the linear model, the most probable first."""
+    silent = at.silent()
+    singles = [(), *((k,) for k in range(len(at.words.atoms)) if k not in silent)]
+    return score(posteriors(at.linear(), at.words.spike), at.words, singles)
 
 
 def _words(shooting: Shooting) -> Dictionary:

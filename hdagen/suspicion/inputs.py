@@ -18,50 +18,25 @@ _LONGEST_LAG = 0.1  # s, searched between command and measurement
 _EARLIEST = -5  # rows
 _CLEAR = 0.5  # of the misfit at the usual lag, that a lag before the command must leave at most to be a mistake
 _TOLD = 3  # rows from which the motion tells which of command and measurement is logged in the wrong row
-_UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA
-_MOST = 0.99  # share of the rows that say what a current is
-_FAR, _APART = 2.0, 5.0  # times the largest stated current, and times what most rows keep within: no drive gives that
+UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA
 
 
-@dataclass(frozen=True, eq=False)
-class Spikes:
-    """Rows (T,) of a current that no drive gives, and in words which and how far off."""
-
-    rows: np.ndarray
-    sentence: str
-
-
-def spikes(log: Log, name: str, stated: float | None) -> Spikes | None:
-    """The few rows in which the current ``name``, finite, is far beyond both the drive (``stated``, A) and nearly all
-    other rows: the logger's or the bus's error. They say nothing of the column's unit: in mA, nearly all are large."""
-    size = np.abs(log[name])
-    most = float(np.quantile(size, _MOST))
-    rows = size > max(_FAR * stated if stated else _UNSTATED_CURRENT, _APART * most)
-    if not rows.any():
-        return None
-    first = int(np.argmax(rows))
-    sentence = (
-        f"{name} reaches {size[rows].max():.4g} A in {np.count_nonzero(rows)} row(s), first in row {first + 1} "
-        f"({log.time[first]:.6g} s), and stays within {most:.3g} A in {100 * _MOST:g} % of the rows; {_known(stated)}"
-    )
-    return Spikes(rows, sentence)
-
-
-def _known(stated: float | None) -> str:
+def known(stated: float | None) -> str:
+    """What a robot file states of a drive's largest current (A), for a sentence."""
     return f"the robot file states at most {stated:g} A" if stated else "the robot file states no max_current"
 
 
 def current_sizes(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
-    """Currents beyond what the drive can give: milliamperes, once `spikes` are taken out."""
+    """Currents beyond what the drive can give: milliamperes, once `misread` rows are taken out."""
     findings = []
     for joint, stated in enumerate(machine.max_currents, start=1):
         for name in (f"motor_current_command_{joint}", f"motor_current_{joint}"):
             if name not in channels:
                 continue
             peak = max(abs(channels[name].low), abs(channels[name].high))
-            if peak > (10 * stated if stated else _UNSTATED_CURRENT):
+            if peak > (10 * stated if stated else UNSTATED_CURRENT):
                 sentence = (
-                    f"{name} reaches {peak:.4g}, {_known(stated)}: mA? "
+                    f"{name} reaches {peak:.4g}, {known(stated)}: mA? "
                     f'Then set unit = "mA" under [{name}] in columns.toml.'
                 )
                 findings.append(Finding(Severity.REFUSE, "milliamperes", joint, sentence, {name: {"unit": "mA"}}))

@@ -12,6 +12,7 @@ from hdagen.channels import Channel, even, relation
 from hdagen.columns import split_name
 from hdagen.log import Log, gaps
 from hdagen.suspicion.finding import Finding, Machine, Severity, in_words
+from hdagen.suspicion.misread import Place, after_gaps, wrapping
 
 _DEGREE = 180 / math.pi
 _TWICE = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
@@ -21,27 +22,23 @@ _TURNS = 25.0  # rad; a joint that spans more turns like a wheel, or is logged i
 
 
 def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Measured positions that jump by more than half their range in one row: a wrapped encoder, or a glitch."""
+    """Measured positions that leap in one row, and stay where they are then: a wrapped encoder, or one set anew."""
     findings = []
-    after_gap = np.zeros(len(log) - 1, bool)
-    after_gap[gaps(log.time)[0]] = True
+    gap = after_gaps(log.time)
     for name, channel in channels.items():
         base, joint = split_name(name) or ("", 0)
         if base not in ("motor_position", "joint_position") or not channel.moves or len(log) < 10:
             continue
-        moves = np.diff(log[name])
-        padded = np.pad(moves, 2, mode="edge")
-        usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
-        jumps = moves - usual
-        rows = np.flatnonzero((np.abs(jumps) > 0.5 * (channel.high - channel.low)) & ~after_gap)
-        if not len(rows):
+        place = Place.of(channel, log[name], gap)
+        if not len(place.leaping):
             continue
+        rows, jumps = place.leaping - 1, place.off[1:]
         size, row = float(np.median(np.abs(jumps[rows]))), int(rows[0])
         where = (
             f"{name} jumps by {size:.5g} in one row, {len(rows)} time(s), first after row {row + 1} "
             f"({log.time[row]:.6g} s)"
         )
-        period = next((p for p in _periods() if abs(size / p - 1) < 0.03), None)
+        period = wrapping(size)
         if period is not None:
             unit = {360.0: {"unit": "deg"}, 1.0: {"unit": "turn"}}.get(period, {})
             repair = {name: {"wrap": period, **unit}}
@@ -56,12 +53,6 @@ def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
             sentence = f"{where}: the encoder was set anew, or two recordings were joined; cut the log there."
             findings.append(Finding(Severity.REFUSE, "jump", joint, sentence))
     return findings
-
-
-def _periods() -> Iterator[float]:
-    """At what encoders wrap: a turn in rad, deg and turns, powers of two in counts."""
-    yield from (2 * math.pi, 360.0, 1.0)
-    yield from (2.0**k for k in range(8, 33))
 
 
 def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
