@@ -7,6 +7,7 @@ import base64
 import json
 import re
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -307,29 +308,26 @@ def test_means_keep_the_two_sides_of_standstill_apart() -> None:
 
 # -- what separates ---------------------------------------------------------------------------------------------------
 
-PAIRS = [
-    ("command_delay", "current_loop_lag"),
-    ("command_delay", "missing_compliance"),
-    ("torque_constant", "payload"),
-    ("viscous_friction", "torque_constant"),
-    ("viscous_friction", "thermal_friction"),
-    ("transmission_hysteresis", "coulomb_friction"),
-    ("backlash", "stiffness"),
-    ("load_dependent_friction", "thermal_friction"),
-    ("kinematic_error", "torque_ripple"),
-    ("encoder_eccentricity", "gravity_tilt"),
-    ("gravity_tilt", "payload"),
-    ("sensor_delay", "stiffness"),
-    ("asymmetric_friction", "current_bias"),
-]
+
+def test_any_two_effects_have_an_experiment_that_parts_them() -> None:
+    """Of their group, else what shows either, with both by name; asked from the other one's side, too."""
+    for pair in combinations(NAMES, 2):
+        one, other = (f"{name}@1" for name in pair)
+        said = separators.separate_by(one, [other])
+        assert said.startswith(f"Against {other}: ") and said.endswith(".")
+        if not any(set(pair) <= group.effects for group in separators.GROUPS):
+            back = separators.separate_by(other, [one])
+            for name in pair:
+                does, shows = separators.ALONE[name]
+                told = f"{does} ({name.replace('_', ' ')} {shows})"
+                assert told in said and told in back
+    said = separators.separate_by("contact@1", ["command_delay@1", "payload@2", "command_delay@2"])
+    assert said.count("Against") == 1 and said.count("command delay") == 1 == said.count("(contact ")
 
 
-@pytest.mark.parametrize("pair", PAIRS)
-def test_pairs_that_look_alike_have_an_experiment_of_their_own(pair: tuple[str, str]) -> None:
-    one, other = (f"{name}@1" for name in pair)
-    said = separators.separate_by(one, [other])
-    assert other in said and separators.OTHERWISE not in said
-    assert separators.separate_by(other, [one]).replace(one, other) == said
+def test_each_effect_shows_in_a_way_of_its_own() -> None:
+    assert set(separators.ALONE) == set(NAMES)
+    assert len({shows for _, shows in separators.ALONE.values()}) == len(NAMES)
 
 
 def test_what_is_not_confounded_needs_no_experiment_and_each_stands_once() -> None:
@@ -337,7 +335,6 @@ def test_what_is_not_confounded_needs_no_experiment_and_each_stands_once() -> No
     said = separators.separate_by("payload@2", ["torque_constant@1", "torque_constant@2"])
     assert said.count("payload") == 1 and "torque_constant@1, torque_constant@2" in said
     assert separators.SAME_KIND in separators.separate_by("coulomb_friction@1", ["coulomb_friction@2"])
-    assert separators.OTHERWISE in separators.separate_by("contact@1", ["command_delay@1"])
 
 
 def test_every_effect_of_a_group_exists() -> None:
@@ -501,7 +498,7 @@ def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once()
     said = confounded({"verdict": [], "causes": causes, "unseen": []})
     for name in ("stribeck friction on joint 1 (0.20)", "presliding friction on joint 1 (0.10)", "payload on joint 2"):
         assert said.count(name) == 1
-    assert said.count(separators.OTHERWISE) == 1 and "contact" not in said
+    assert said.count("Against payload@2: ") == 1 and "contact" not in said
     assert "hdagen excite robot.toml --separate stribeck_friction@1,presliding_friction@1,payload@2\n" in said
     for few in (causes[:1], causes[3:]):
         assert "excite" not in confounded({"verdict": [], "causes": few, "unseen": []})

@@ -92,10 +92,62 @@ GROUPS = (  # the narrowest first: the first that holds both is taken
     ),
 )
 SAME_KIND = "move one joint while the others are held still, each in turn: what belongs to a joint stays with it."
-OTHERWISE = (
-    "record a motion that reverses, sweeps the speed in both directions, changes the load and holds still at several "
-    "poses."
-)
+ALONE = {  # of each effect, what to do to see it, and how it shows then
+    "asymmetric_friction": ("repeat one motion in both directions", "differs between them and is nothing at rest"),
+    "backlash": ("let the load pass zero slowly, with both encoders", "jumps where the torque changes its sign"),
+    "base_compliance": ("shake the tip with the motors held", "gives way beneath the first joint, unseen by encoders"),
+    "cable_spring": ("creep through the whole range both ways", "pulls the same at an angle from either side"),
+    "command_delay": ("command steps and log the current", "shifts it in time, however large it is"),
+    "contact": ("approach both ends of the range slowly", "pushes beyond one angle only"),
+    "coulomb_friction": ("reverse slowly about one pose", "changes its sign with the direction and keeps its size"),
+    "current_bias": ("hold still in one pose, reached from both sides", "adds the same at rest as in motion"),
+    "current_loop_lag": ("command steps and log the current", "rounds its corners"),
+    "current_saturation": ("repeat one motion faster and faster", "cuts off large currents alone"),
+    "encoder_bias": (
+        "hold still at several poses across the range",
+        "is the same angle everywhere and needs no torque",
+    ),
+    "encoder_eccentricity": ("turn the joint as far as it can", "grows and comes back once a turn of the joint"),
+    "gravity": ("hold still at several poses across the range", "follows the lever of the pose"),
+    "gravity_tilt": (
+        "hold still at several poses across the range",
+        "follows the pose's lever about an upright axis, too",
+    ),
+    "joint_damping": ("load the gear to and fro, slowly and fast", "resists with the rate of the twist"),
+    "kinematic_error": (
+        "run at several constant speeds with both encoders",
+        "comes back with the motor's turn at any speed",
+    ),
+    "kinematic_torsion": (
+        "turn the motor slowly without load, with both encoders",
+        "comes back with the output's turn",
+    ),
+    "link_flexibility": (
+        "shake the arm up to 25 Hz with two payloads",
+        "rings behind the encoder, slower with more payload",
+    ),
+    "load_dependent_friction": ("repeat one speed at several loads", "grows with the load, whichever way that acts"),
+    "missing_compliance": ("hold the motor and push the tip", "lets the joint give way where the model is rigid"),
+    "payload": ("swap a known payload", "changes weight and inertia together"),
+    "position_dependent_friction": (
+        "creep through the whole range both ways",
+        "varies with the angle and changes its sign with the direction",
+    ),
+    "presliding_friction": ("reverse within a few encoder steps", "is a spring before the joint breaks away"),
+    "quadratic_friction": ("run at constant speeds up to the fastest", "grows with the square of speed"),
+    "rotor_coupling": ("move the joints before this one hard while it is held", "follows their acceleration"),
+    "sensor_delay": ("run at several constant speeds with both encoders", "shifts a reading in proportion to speed"),
+    "stiffness": ("load the held gear with several torques", "twists it in proportion and comes back on its line"),
+    "stribeck_friction": ("run at constant speeds from creep on", "falls with speed at first"),
+    "thermal_friction": ("repeat one motion from cold to warm", "falls over minutes"),
+    "torque_constant": ("hold several known payloads still", "errs in proportion to the current, at rest as well"),
+    "torque_ripple": ("creep over several turns of the motor", "comes back with them in the current"),
+    "torque_sensor_gain": ("hang a known weight on the arm at rest", "is wrong in the sensor's reading alone"),
+    "transmission_hysteresis": ("load the gear to and fro about several preloads", "remembers where the load turned"),
+    "transmission_ratio": ("turn the joint as far as it can", "errs in proportion to the angle, without any load"),
+    "viscous_friction": ("run at several constant speeds both ways", "grows in proportion to speed"),
+    "voltage_sag": ("repeat one motion faster and faster", "takes torque where speed and current are both large"),
+}
 
 
 def separate_by(name: str, confounded: Iterable[str]) -> str:
@@ -103,13 +155,25 @@ def separate_by(name: str, confounded: Iterable[str]) -> str:
     that is nothing; each experiment stands once."""
     effect, _, joint = name.partition("@")
     against: dict[str, list[str]] = {}
+    others: list[str] = []
     for other in confounded:
-        other_effect, _, other_joint = other.partition("@")
-        against.setdefault(_experiment(effect, other_effect, joint, other_joint), []).append(other)
+        if (experiment := _experiment(effect, joint, *other.partition("@")[::2])) is None:
+            others.append(other)
+        else:
+            against.setdefault(experiment, []).append(other)
+    if others:
+        shown = [effect, *dict.fromkeys(other.partition("@")[0] for other in others)]
+        against["; ".join(map(_shown, shown)) + "."] = others
     return " ".join(f"Against {', '.join(others)}: {experiment}" for experiment, others in against.items())
 
 
-def _experiment(effect: str, other: str, joint: str, other_joint: str) -> str:
+def _experiment(effect: str, joint: str, other: str, other_joint: str) -> str | None:
+    """What tells two that look alike; None where they only happen to."""
     if effect == other and joint != other_joint:
         return SAME_KIND
-    return next((g.experiment for g in GROUPS if {effect, other} <= g.effects), OTHERWISE)
+    return next((g.experiment for g in GROUPS if {effect, other} <= g.effects), None)
+
+
+def _shown(effect: str) -> str:
+    does, shows = ALONE[effect]
+    return f"{does} ({effect.replace('_', ' ')} {shows})"
