@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,8 @@ class Replay:
     mean square of prediction less measurement for each channel that the log has, in its unit; ``noise``: standard
     deviation of the channel's noise; ``relative``: error as a share of the measurement's own root mean square.
     ``starts``: first rows of the windows. ``beyond_law``: rows in which a torsion lay beyond the spring law. ``notes``:
-    what a reader must know, in sentences.
+    what a reader must know, in sentences. ``guessed``: first rows of the windows that begin at rest though the log is
+    in motion there.
     """
 
     columns: dict[str, Array]
@@ -50,6 +51,7 @@ class Replay:
     starts: Rows
     beyond_law: int
     notes: tuple[str, ...]
+    guessed: tuple[int, ...] = ()
 
     @property
     def gap(self) -> float:
@@ -81,16 +83,22 @@ def replay(
     begins: list[Rows] = []
     states: list[Array] = []
     shown: list[Array] = []
+    guessed: list[int] = []
     for first, end in parts(log.time, window):  # over a pause that is longer than a window nothing carries on
         part = log.rows(first, end)
         acting, at = acted_on(arm, part, inputs[first:end], input)
         own = window_starts(part.time, window)
-        x, said = _predict(arm, part, acting, own)
+        readings = Readings.of(arm, part)
+        x, said = _predict(arm, part, readings, acting, own)
+        if moving := _moves(part, readings):
+            guessed.append(first)
+            said.append(f"{moving}: the first window starts at rest.")
         notes += said
         begins.append(first + own)
         states.append(x)
         shown.append(at)
-    return compare(arm, log, np.concatenate(states), np.concatenate(shown), np.concatenate(begins), notes)
+    found = compare(arm, log, np.concatenate(states), np.concatenate(shown), np.concatenate(begins), notes)
+    return replace(found, guessed=tuple(guessed))
 
 
 def check(arm: Arm, log: Log) -> None:
@@ -195,14 +203,14 @@ def _limit(arm: Arm, j: int, name: str, current: Array) -> list[str]:
     return [f"{name} exceeds the robot file's max_current of {most:g} A in {over} row(s); the model lets it through."]
 
 
-def _predict(arm: Arm, log: Log, inputs: Array, starts: Rows) -> tuple[Array, list[str]]:
+def _predict(arm: Arm, log: Log, readings: Readings, inputs: Array, starts: Rows) -> tuple[Array, list[str]]:
     """The states (T, nx) of all windows, and notes."""
-    readings, m = Readings.of(arm, log), mechanical(arm)
+    m = mechanical(arm)
     begun = np.stack([readings.state(arm, int(row)) for row in starts])
     if readings.say_all(arm):
         states, stopped = _roll(arm, log, inputs, starts, begun, carry=True)
         return states, ["Windows start at the logged positions and velocities.", *_stopped(stopped)]
-    notes, states, stopped = _moves(log, readings), np.zeros((len(log), arm.nx)), 0
+    notes, states, stopped = list[str](), np.zeros((len(log), arm.nx)), 0
     lost = np.zeros(len(starts), bool)
     remembers = bool(arm.p[memories(arm)].any())
     if remembers:  # the effects' own states, as far as windows that begin where they were measured tell
@@ -243,11 +251,11 @@ def _stopped(windows: int) -> list[str]:
     return [f"In {windows} window(s) the model left all bounds and is held where it did: robot file or input is wrong."]
 
 
-def _moves(log: Log, readings: Readings) -> list[str]:
-    """A note where the log begins in motion and no velocity says how fast."""
+def _moves(log: Log, readings: Readings) -> str | None:
+    """In words, where the log begins in motion and no velocity says how fast."""
     rows = max(8, int(np.searchsorted(log.time, log.time[0] + _FIRST)))
     if len(log) < rows:
-        return []
+        return None
     t = log.time[:rows] - log.time[0]
     powers = np.vander(t, 3, increasing=True)
     moving = []
@@ -261,11 +269,7 @@ def _moves(log: Log, readings: Readings) -> list[str]:
         least = max(abs(bend) * t[-1] ** 2, readings.noise_before(rows)[k], _USUAL * usual)
         if abs(speed) * t[-1] > _MOVING * least:
             moving.append(f"{name} at {speed:.3g} a second")
-    if not moving:
-        return []
-    return [
-        f"The log begins in motion ({', '.join(moving)}) and no velocity is logged: the first window starts at rest."
-    ]
+    return f"The log begins in motion ({', '.join(moving)}) and no velocity is logged" if moving else None
 
 
 def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes: list[str]) -> Replay:

@@ -70,3 +70,13 @@ def test_no_gap_has_no_share_and_one_block_no_interval() -> None:
     same = errors(np.random.default_rng(1), 900, 0.8)
     found = gap(replay(log(900), same), replay(log(900), same), Portion.whole(log(900)))
     assert found["shrink"] is None and found["interval"] is None
+
+
+def test_windows_that_begin_with_a_guess_are_left_out_as_long_as_others_are_left() -> None:
+    held, starts = Portion.whole(log(1000)), np.array([0, 250, 500, 750])
+    left = held.without((500,), starts)
+    np.testing.assert_array_equal(np.flatnonzero(~left.rows), np.arange(500, 750))
+    assert held.without((), starts).rows.all() and held.without((0, 250, 500, 750), starts) is held
+    error = {name: np.full(1000, noise) for name, noise in NOISE.items()}
+    spoilt = {name: np.where(left.rows, e, 1e3) for name, e in error.items()}
+    assert gap(replay(log(1000), spoilt), replay(log(1000), error), left)["before"] == pytest.approx(1.0)

@@ -221,9 +221,14 @@ def test_what_is_not_logged_is_replaced_and_said(made: Callable) -> None:
 def test_a_log_that_begins_in_motion_is_said_to(made: Callable) -> None:
     arm = made(FLEXIBLE)
     log = simulated(arm)
-    assert not any("begins in motion" in note for note in replay(arm, log).notes)
+    rested = replay(arm, log)
+    assert not any("begins in motion" in note for note in rested.notes) and rested.guessed == ()
     fast = int(np.argmax(np.abs(np.gradient(log["joint_position_1"][300:900])))) + 300
-    assert any("begins in motion" in note for note in replay(arm, log.rows(fast, fast + 250)).notes)
+    moving = replay(arm, log.rows(fast, fast + 250))
+    assert any("begins in motion" in note for note in moving.notes) and moving.guessed == (0,)
+    kept = np.r_[0 : fast - 300, fast:1000]  # over a pause nothing carries on
+    paused = Log(log.time[kept], {n: v[kept] for n, v in log.columns.items()}, 2, "paused")
+    assert replay(arm, paused).guessed == (fast - 300,)
 
 
 def test_a_log_of_another_robot_is_refused(made: Callable) -> None:

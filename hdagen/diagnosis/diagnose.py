@@ -75,16 +75,17 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     def counted(arm: Arm, said: verdict.Verdict | None = None) -> Replay:
         return _counted(replay(arm, held_out.log, with_=said), seen)
 
-    def without() -> tuple[Replay, Replay]:
+    def without() -> tuple[Replay, Replay, Portion]:  # what begins with a guess tells of the guess
         before = counted(plain)
-        return before, corrected(plain, shown, held_out, before)
+        told_by = held_out.without(before.guessed, before.starts)
+        return before, corrected(plain, shown, held_out, before), told_by
 
     with ThreadPoolExecutor(1) as aside:  # the search leaves half a core idle
         needs_no_verdict = aside.submit(without)
         found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
         decision = _own(decide(found), logs)
         say("replay of held-out motion")
-        before, flexible = needs_no_verdict.result()
+        before, flexible, held_out = needs_no_verdict.result()
     alone = sure(arm, seen)
 
     def told(decided: Decision) -> Told:
@@ -119,7 +120,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content["where"] = where(sight, content, held_out.rows)
     content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
-    content["data"] = _data(logs, hold_out) | of_data
+    content["data"] = _data(logs, hold_out, before) | of_data
     return Diagnosis(found, decision, content, before, after, held_out, sight)
 
 
@@ -146,13 +147,18 @@ def _counted(found: Replay, seen: Record) -> Replay:
     return replace(found, noise={name: max(noise, fitted.get(name, 0.0)) for name, noise in found.noise.items()})
 
 
-def _data(logs: Sequence[Log], hold_out: Sequence[Log]) -> dict[str, Any]:
+def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay) -> dict[str, Any]:
+    notes = [note for log in logs for note in log.notes]
+    if before.guessed:
+        notes.append(
+            f"{len(before.guessed)} held-out window(s) begin in motion, without a velocity: the gap leaves them out."
+        )
     return {
         "log": ", ".join(log.source for log in logs),
         "rate": 1 / logs[0].period,
         "duration": sum(float(log.time[-1] - log.time[0]) for log in logs),
         "held_out": ", ".join(log.source for log in hold_out) or BLOCKS,
-        "notes": list(dict.fromkeys(note for log in logs for note in log.notes)),
+        "notes": list(dict.fromkeys(notes)),
     }
 
 

@@ -48,6 +48,15 @@ class Portion:
         """Begin and end of each stretch of rows, s."""
         return [(float(self.log.time[a]), float(self.log.time[b - 1])) for a, b in stretches(self.rows)]
 
+    def without(self, windows: Sequence[int], starts: NDArray[np.intp]) -> Portion:
+        """The same but for the windows that begin in the rows ``windows``, of all ``starts`` (W); all of it where
+        nothing would be left."""
+        left, ends = self.rows.copy(), np.append(starts[1:], len(self.rows))
+        for first, end in zip(starts, ends, strict=True):
+            if first in windows:
+                left[first:end] = False
+        return Portion(self.log, left) if left.any() else self
+
     def at(self, time: Array) -> Mask:
         """Whether the rows nearest to instants (K,) are in it."""
         return self.rows[np.clip(np.searchsorted(self.log.time, time), 0, len(self.rows) - 1)]
