@@ -12,7 +12,7 @@ import scipy.stats
 
 from hdagen import verdict
 from hdagen.__main__ import main
-from hdagen.diagnosis.evidence import gain, posterior, settled
+from hdagen.diagnosis.evidence import gain, large, posterior, settled
 from hdagen.diagnosis.linear import Gram, Linear
 from hdagen.log import write
 from hdagen.plant import Array
@@ -55,6 +55,29 @@ def test_the_evidence_is_that_of_the_dense_gaussian(s: float, scales: tuple[floa
     other = posterior(linear.reduced(0.0), spike, 0.0, noise)
     apart = dense(blocks, m, k, s, kappa2, spike) - dense(blocks, m, k, 0.0, noise, spike)
     assert at.evidence - other.evidence == pytest.approx(apart, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 0.1, 1.0])
+def test_how_large_an_effect_is_likely_is_that_of_the_posterior_in_which_it_is_free(scale: float) -> None:
+    """Against draws; columns that the log hardly tells (small ``scale``) are as large as their prior says."""
+    linear, _, _, _, many = problem(np.random.default_rng(3))
+    size = np.append(np.ones(5), np.full(many, scale))
+    gram = Gram(np.stack([np.outer(size, size) * products for products in linear.gram.products]), 2, 3)
+    linear = Linear(gram, linear.z * size, linear.r2, linear.rows, np.zeros(many))
+    spike, free, kappa2 = np.full(many, 0.2), np.array([1]), np.ones(3)
+    wide = spike.copy()
+    wide[free] = 1.0
+    ends = np.full(many, -5.0), np.array([5.0, 0.6, 5.0, 5.0])
+    exact = posterior(linear.reduced(0.3), wide, 0.3, kappa2)
+    drawn = np.random.default_rng(1).normal(exact.mean[1], np.sqrt(exact.covariance[1, 1]), 200_000)
+    drawn = drawn[(drawn > -5.0) & (drawn < 0.6)]
+    at = posterior(linear.reduced(0.3), spike, 0.3, kappa2)
+    assert large(at, spike, free, 0.3, ends) == pytest.approx(np.mean(np.abs(drawn) >= 0.3), abs=0.005)
+    if scale < 0.01:
+        prior = scipy.stats.truncnorm(-5.0, 0.6)
+        assert large(at, spike, free, 0.3, ends) == pytest.approx(1 - prior.cdf(0.3) + prior.cdf(-0.3), abs=0.005)
+    both = large(at, spike, np.array([0, 2]), 0.3, ends)  # each by itself: no less than the larger of them alone
+    assert both >= max(large(at, spike, np.array([k]), 0.3, ends) for k in (0, 2)) - 0.1
 
 
 @pytest.mark.parametrize("s", [0.0, 0.3])

@@ -91,7 +91,7 @@ class Stands(SimpleNamespace):
 def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
     """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
     atoms = tuple(Atom(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
-    words = SimpleNamespace(atoms=atoms, free=list, theta=lambda p: p)
+    words = SimpleNamespace(atoms=atoms, free=list, theta=lambda p: p, counts=lambda k: 0.3)
     words.names = lambda some: tuple(sorted(atoms[k].name for k in some))
 
     def recalled(lane: Lane) -> tuple[None, Array]:
@@ -155,6 +155,24 @@ def test_a_fit_that_was_left_on_the_way_does_not_stand_for_its_set(alone: float,
     found = decide(search)
     assert found.verdict == ("thermal_friction@2",)
     assert found.best is search.fitted[1 if done else 0]
+
+
+def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -> None:
+    """Of a log that says nothing of it, the effect keeps what its prior gives it; of one that says that it is small,
+    next to nothing."""
+
+    def stated(large: float) -> float:
+        search = beside_a_bias(0.2, 0.0)
+        search.words.atoms += (Atom("payload", 1, "link", (), {}, True),)
+        search.screened.append(SimpleNamespace(atoms=(2,), evidence=-60.0, large=large))
+        search.fitted[0].evidence = lambda *_: -60.0
+        found = decide(search)
+        assert found.verdict == ()
+        return found.stated
+
+    none = [stated(large) for large in (0.0, 0.25, 1.0)]
+    assert none[0] == pytest.approx(1.0, abs=1e-12) and none[2] < 0.9
+    assert none[0] - none[1] == pytest.approx(0.25 * (none[0] - none[2]))
 
 
 def test_what_is_too_small_is_not_in_the_set() -> None:

@@ -26,6 +26,7 @@ SLAB = 1.0  # of one that is
 FELT = 0.3  # of that standard deviation, from which its shapes are fitted
 SILENT = 1e-4  # of an atom that is looked at only in its own hypothesis: below any share of any size
 PRESENT = 0.3  # size from which an effect counts as present
+OFF = 2.0  # tolerances of the robot file, from which a base parameter off its value is an effect
 NEAR = 0.1  # by which a parameter of a hypothesis is moved about where it stands
 STEP = 0.1  # by which a parameter is moved for its column: small, as what is not meant is; large sizes are scanned
 LEAST = 1e-3  # of a shape parameter's range: its unit where the value is 0
@@ -143,6 +144,11 @@ class Dictionary:
     def free(self, atoms: tuple[int, ...]) -> np.ndarray:
         """Columns that are free when ``atoms`` are."""
         return np.array([c for c, column in enumerate(self.columns) if column.atom in atoms], int)
+
+    def counts(self, k: int) -> float:
+        """The size from which atom k is present: a base parameter within twice its tolerance is as the robot file
+        says."""
+        return max(PRESENT, OFF * float(self.spike[self.free((k,))].max(initial=0.0)))
 
     def own(self, atoms: tuple[int, ...]) -> np.ndarray:
         """Columns that only a hypothesis with ``atoms`` has: their amplitudes and shapes."""

@@ -27,7 +27,6 @@ LEFT = 0.64
 PLAIN = 2.0  # of the former, from which on it is plain that something is left: more says no more, as a real machine's
 # motion is worth a percent of its torque where a sealed one's is worth a thousandth
 NEGLIGIBLE = 0.05  # odds of that, below which it is not counted
-BEYOND = 2.0  # tolerances of the robot file, from which a base parameter off its value is an effect
 RARE = 2.576  # standard deviations, to which a robot file states a parameter, that one in a hundred is off by
 TOLD = 0.5  # of that standard deviation, to which the log must tell it
 BEHIND = 10.0  # of log evidence, by which the hypothesis that means it may be behind, as what is rare is less probable,
@@ -99,6 +98,13 @@ def sizes(fit: Fitted) -> dict[str, float]:
     return {words.atoms[k].name: float(size) * _came(k, fit) for k, size in whole.items()}
 
 
+def _counted(fit: Fitted) -> dict[str, float]:
+    """The same in multiples of the least that counts as present."""
+    words = fit.design.words
+    least = {words.atoms[k].name: words.counts(k) for k in fit.atoms}
+    return {name: size / least[name] for name, size in sizes(fit).items()}
+
+
 def _came(k: int, fit: Fitted) -> float:
     """The largest share of atom k that is there where a window begins, where the fit stands: of what comes slowly, or
     at high speed alone, a large size shows as little as a small one of what is soon there."""
@@ -108,14 +114,6 @@ def _came(k: int, fit: Fitted) -> float:
     memory = shooting.recalled(Lane(point.p, point.begun))[1]
     own = shooting.arm.state_names[-memory.shape[1] :]
     return float(np.abs(memory[:, own.index(f"{COMES[atom.effect]}_{atom.joint}")]).max())
-
-
-def least(fit: Fitted) -> dict[str, float]:
-    """From which size on each effect that is free is present: a base parameter within twice its tolerance is as the
-    robot file says."""
-    words, spike = fit.design.words, fit.design.words.spike
-    own = {words.atoms[k].name: spike[words.free((k,))].max(initial=0.0) for k in fit.atoms}
-    return {name: max(PRESENT, BEYOND * float(width)) for name, width in own.items()}
 
 
 def decide(search: Search) -> Decision:
@@ -136,21 +134,26 @@ def decide(search: Search) -> Decision:
     own = {names: fit for names, fit in fits.items() if fit.evidence(temperature, fit.atoms) > evidence[names] - BEHIND}
     stands |= own
     linear = next(s.evidence for s in search.screened if not s.atoms)
+    large: dict[tuple[str, ...], float] = {}
     for s in search.screened:  # those that were not worth a fit, as far from none as in the linear model at most
         names = tuple(words.atoms[k].name for k in s.atoms)
-        evidence.setdefault(names, evidence[()] + min(s.evidence - linear, 0.0) / excess)
+        if names not in evidence:
+            evidence[names] = evidence[()] + min(s.evidence - linear, 0.0) / excess
+            large[names] = s.large
     count = sum(len(names) == 1 for names in evidence)
     top = max(evidence.values())
     weight = {names: _prior(len(names), count) * np.exp(e - top) for names, e in evidence.items()}
+    for names, share in large.items():  # what is there and too small to count is none
+        weight[()] += (1.0 - share) * weight[names]
+        weight[names] *= share
     for names in sorted(fits, key=len):
         if (more := _more(fits[names])) != names and evidence.get(more, -np.inf) > evidence[names] - BEHIND:
             weight[more] += weight[names]
             weight[names] = 0.0
     place = {atom.name: atom.place for fit in fits.values() for atom in fit.design.words.atoms}
-    seen = {fit: (sizes(fit), least(fit)) for fit in set(stands.values())}
+    seen = {fit: _counted(fit) for fit in set(stands.values())}
     for names in sorted(stands, key=len, reverse=True):
-        size, needed = seen[stands[names]]
-        less = _less(names, {name: size[name] / needed[name] for name in names}, evidence, place)
+        less = _less(names, seen[stands[names]], evidence, place)
         if less != names:
             weight[less if less in weight else ()] += weight[names]
             weight[names] = 0.0

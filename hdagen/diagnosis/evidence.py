@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import eigh
 from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.special import ndtr
 
 from hdagen.diagnosis.bounds import Bounds, bounded
 from hdagen.diagnosis.candidates import SLAB, Dictionary
@@ -70,11 +71,13 @@ class Posterior:
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A hypothesis: its atoms, log evidence, and the posterior in which it is best."""
+    """A hypothesis: its atoms, log evidence, and the posterior in which it is best; ``large``: the probability that
+    what it means is as large as counts as present."""
 
     atoms: tuple[int, ...]
     evidence: float
     at: Posterior
+    large: float = 1.0
 
 
 def posteriors(
@@ -169,6 +172,22 @@ def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
     if sign <= 0:
         return -np.inf
     return float(-0.5 * logdet + np.log(spike[free] / slab).sum() - 0.5 * (mu * D) @ np.linalg.solve(K, mu))
+
+
+def large(at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds, slab: float = SLAB) -> float:
+    """The probability that one of the columns ``free``, freed and within ``bounds``, is ``least`` or larger, each by
+    itself. A column of which the log tells nothing is as likely so as its prior says."""
+    D = 1.0 / slab**2 - 1.0 / spike[free] ** 2
+    S, mu = at.covariance[np.ix_(free, free)], at.mean[free]
+    K = np.eye(len(free)) + S * D
+    mean, width = np.linalg.solve(K, mu), np.sqrt(np.maximum(np.diag(np.linalg.solve(K, S)), ROUNDED * slab**2))
+
+    def below(size: Array | float) -> Array:
+        return np.asarray(ndtr((np.clip(size, bounds[0][free], bounds[1][free]) - mean) / width))
+
+    whole = below(np.inf) - below(-np.inf)
+    small = np.where(whole > 0.0, (below(least) - below(-least)) / np.where(whole > 0.0, whole, 1.0), 1.0)
+    return 1.0 - float(np.prod(small))
 
 
 def score(found: Sequence[Posterior], words: Dictionary, hypotheses: Sequence[tuple[int, ...]]) -> list[Scored]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from hdagen.diagnosis.candidates import SHARES, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, chosen, design
-from hdagen.diagnosis.evidence import Scored, posteriors, score
+from hdagen.diagnosis.evidence import Scored, large, posteriors, score
 from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened, sharing
 from hdagen.diagnosis.orders import heard, with_orders
 from hdagen.diagnosis.scan import Start, put, scan
@@ -80,9 +80,15 @@ def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
 
 def _screened(at: Design) -> list[Scored]:
     """None and every effect of which a channel shows anything, in the linear model, the most probable first."""
-    silent = at.silent()
-    singles = [(), *((k,) for k in range(len(at.words.atoms)) if k not in silent)]
-    return score(posteriors(at.linear(), at.words.spike), at.words, singles)
+    silent, words, arm = at.silent(), at.words, at.shooting.arm
+    singles = [(), *((k,) for k in range(len(words.atoms)) if k not in silent)]
+    scored, spike = score(posteriors(at.linear(), words.spike), words, singles), words.spike
+
+    def sized(one: Scored) -> Scored:
+        bounds = words.meaning(one.atoms).bounds(arm)
+        return replace(one, large=large(one.at, spike, words.free(one.atoms), words.counts(*one.atoms), bounds))
+
+    return [sized(one) if one.atoms else one for one in scored]
 
 
 def _words(shooting: Shooting) -> Dictionary:
