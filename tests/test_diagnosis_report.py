@@ -31,6 +31,7 @@ from hdagen.diagnosis.sentences import words as in_words
 from hdagen.diagnosis.whereabouts import trace, where
 from hdagen.diagnosis.whiteness import LAGS, whiteness
 from hdagen.log import Log
+from hdagen.pages.quantity import number
 from hdagen.plant import Arm, Array
 from hdagen.replay import Replay, replay
 
@@ -358,9 +359,12 @@ def write(all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, pat
     "entry", ["stribeck_friction@2", "command_delay@1", "transmission_hysteresis@2", "gravity_tilt@0"]
 )
 def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) -> None:
-    page = write(seen(arm, {entry: TRUTHS[entry][0]}), arm, tmp_path / "report.html")
+    all_ = seen(arm, {entry: TRUTHS[entry][0]})
+    page = write(all_, arm, tmp_path / "report.html")
     name = entry.partition("@")[0].replace("_", " ").capitalize()
     for words in (
+        "Joint 1: measured and model",
+        "Joint 2: measured less model",
         "not calibrated",
         "Windows of 0.25 s told which known effect is the most probable",
         "Flexible correction",
@@ -375,6 +379,11 @@ def test_a_report_says_and_shows_it_all(arm: Arm, tmp_path: Path, entry: str) ->
     ):
         assert words in page
     assert "Against backlash@2" in page and "test &lt;arm&gt;" in page
+    log, before, after = all_[2:]
+    parts = {"measured": log, "model before": before.columns, "model after": after.columns}
+    for label, columns in parts.items():  # each signal, by the numbers beneath its figure
+        row = page.split(f">motor position · {label}</th>")[1].split("</tr>")[0]
+        assert number(float(np.max(columns["motor_position_1"]))) in row
     assert "a note &lt;b&gt;" in page
     assert "[90, 97]" in sentence(json.loads(json.dumps(seen(arm, {})[1]))) and len(page) < 5_000_000
 

@@ -9,12 +9,12 @@ from typing import Any
 from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.diagnose import Diagnosis
 from hdagen.diagnosis.maps import COLORS, maps
+from hdagen.diagnosis.measured import motion
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.pictures import pictures
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.sentences import calibrated, confounded, sentence, words
 from hdagen.diagnosis.whiteness import LAGS, of_replay
-from hdagen.log import Log
 from hdagen.pages import page
 from hdagen.pages.bars import Bars, bars
 from hdagen.pages.curves import Panel, Series, panels
@@ -41,7 +41,7 @@ def write(diagnosis: Diagnosis, path: Path, again: str) -> None:
             _gap(content),
             _candidates(content),
             *_where(sight, content),
-            _motion(held, diagnosis.before, diagnosis.after),
+            motion(held, diagnosis.before, diagnosis.after),
             _parameters(sight, content),
             *_control(content),
             _left(held, diagnosis.before, diagnosis.after),
@@ -229,40 +229,6 @@ def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
         drawn += pictures(sight, entry, entries[k]["place"] if k < len(entries) else main["place"])
     heading = "What is missing, by what it goes with" if not verdict or "unknown" in verdict[0] else "The effect itself"
     return [Section(heading, "", drawn), *sections] if verdict else [*sections, Section(heading, "", drawn)]
-
-
-def _motion(held: Portion, before: Replay, after: Replay) -> Section:
-    """Measured less model for each joint, zoomable; their cursors move together."""
-    log = held.log
-    blocks = [] if held.rows.all() else [(a, b, "") for a, b in held.spans]
-    shaded = "" if held.rows.all() else "Shaded: held out, all that the gap counts; the fit saw the rest."
-    figures = []
-    for j in range(1, log.n_joints + 1):
-        shown = []
-        for quantity in ("motor_position", "joint_position", "motor_current", "motor_torque"):
-            name = f"{quantity}_{j}"
-            if name in before.errors and name in after.errors:
-                label = f"{quantity.replace('_', ' ')} error ({_unit(quantity)})"
-                shown.append(Panel(label, _errors(log, name, before, after)))
-        title = f"Joint {j}: measured less model"
-        figures.append(panels(title, log.time, shown, bands=blocks, link="motion", caption=shaded))
-    return Section(
-        "Measured against model",
-        "Windows begin anew every 0.25 s at the state that earlier measurements give; within a window nothing measured "
-        "counts. Drag to zoom, double click to go back.",
-        figures,
-    )
-
-
-def _unit(quantity: str) -> str:
-    return {"motor_current": "A", "motor_torque": "N m"}.get(quantity, "rad")
-
-
-def _errors(log: Log, name: str, before: Replay, after: Replay) -> list[Series]:
-    return [
-        Series("before", log[name] - before.columns[name], color="orange", dash="solid"),
-        Series("after", log[name] - after.columns[name], color="blue", dash="solid"),
-    ]
 
 
 def _parameters(sight: Sight, content: dict[str, Any]) -> Section:

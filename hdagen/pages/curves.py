@@ -324,7 +324,7 @@ def _numbers(plots: Iterator[Plot]) -> str:
     for plot in plots:
         for trace in plot.traces:
             values = trace.y[~np.isnan(trace.y)] * plot.y.quantity.factor
-            name = " · ".join(part for part in (plot.heading, trace.label or plot.y.quantity.name) if part)
+            name = " · ".join(dict.fromkeys(part for part in (plot.heading, plot.y.quantity.name, trace.label) if part))
             rms = float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
             three = (values.min(), values.max(), values.mean()) if values.size else (np.nan,) * 3
             rows.append([name, plot.y.quantity.unit, *(number(float(value)) for value in (*three, rms))])
