@@ -21,13 +21,13 @@ from replayed import FLEXIBLE, RIGID, simulated
 from gen.effects import ALL
 from hdagen.diagnosis import report, separators
 from hdagen.diagnosis.diagnose import BLOCKS
-from hdagen.diagnosis.maps import Spectra
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.pictures import means, pictures
 from hdagen.diagnosis.portion import Portion, blocks
-from hdagen.diagnosis.regimes import Regressor, concentrated, explained
+from hdagen.diagnosis.regimes import LEAST, Regressor, concentrated, explained, periodic
 from hdagen.diagnosis.sentences import NEAREST, confounded, sentence
 from hdagen.diagnosis.sentences import words as in_words
+from hdagen.diagnosis.spectra import Spectra, loudest
 from hdagen.diagnosis.whereabouts import trace, where
 from hdagen.diagnosis.whiteness import LAGS, whiteness
 from hdagen.log import Log
@@ -182,6 +182,16 @@ def test_shares_sum_to_one_and_base_parameters_have_theirs(arm: Arm) -> None:
     assert sum(w["share"] for w in found) == pytest.approx(1.0, abs=1e-3)
     assert all(w["share"] > 0.02 for w in found)
     assert "mass" in found[2]["when"] and "tolerance" in found[2]["when"]
+    assert re.search(r"without them \d of 2 s of motion are told worse \(p = ", found[2]["when"])
+
+
+def test_what_comes_back_with_the_motor_has_its_order_and_its_band(arm: Arm) -> None:
+    """Of six waves a turn, the means over an eighth of a turn each show nothing."""
+    ripple = {"ripple_sine": 0.008, "ripple_order": 6.0}
+    _, said, *_ = seen(arm, {"torque_ripple@2": ripple}, seconds=4.0)
+    when = said["where"][0]["when"]
+    assert "goes with the angle within a turn of the motor, 6 times a turn, which explains " in when
+    assert re.search(r"Of its energy, \d+ % lies between [\d.]+ and [\d.]+ Hz, where \d+ % follows .* \(p = ", when)
 
 
 def test_nothing_named_and_nothing_moved_has_no_place(arm: Arm) -> None:
@@ -297,6 +307,38 @@ def test_a_spectrum_has_the_density_of_its_noise_and_the_coherence_of_its_source
     assert np.mean(found.density[inside] ** 2) == pytest.approx(2 * 5.0 * 1e-3, rel=0.03)
     assert np.mean(found.coherence(of_source)[inside]) == pytest.approx(0.8, abs=0.02)
     assert np.mean(Spectra.of(own, 1e-3).coherence(of_source)[inside]) < 0.03
+
+
+def test_the_loudest_octave_and_its_chance_are_those_of_what_is_there() -> None:
+    """A sine in noise that follows the source, and one that does not."""
+    rng, time = np.random.default_rng(4), np.arange(20_000) / 1e3
+    source = rng.standard_normal(20_000)
+    passed = (Spectra.of(source, 1e-3).frequency > 0) & (Spectra.of(source, 1e-3).frequency <= 25.0)
+    tone = np.sin(2 * np.pi * 5.0 * time)
+    for own, follows in ((source + 3.0 * tone, True), (source, False)):
+        band = loudest(Spectra.of(tone + 0.01 * rng.standard_normal(20_000), 1e-3), Spectra.of(own, 1e-3), passed)
+        assert band is not None and (band.low, band.high) == (4.0, 8.0) and band.share > 0.95
+        assert (band.p < 1e-6 and band.coherence > 0.9) if follows else band.p > 0.05
+    assert loudest(Spectra.of(np.zeros(20_000), 1e-3), Spectra.of(source, 1e-3), passed) is None
+    chances = []
+    for _ in range(200):
+        one, other = (Spectra.of(rng.standard_normal(10_000), 1e-3) for _ in range(2))
+        band = loudest(one, other, passed)
+        assert band is not None
+        chances.append(band.p)
+    assert np.mean(np.array(chances) < 0.05) < 0.06  # never surer than it is
+
+
+def test_the_order_of_what_comes_back_with_an_angle_is_found_and_nothing_in_what_does_not() -> None:
+    rng = np.random.default_rng(6)
+    angle = np.cumsum(0.02 * (1.0 + 0.5 * slow(rng, 6000, 400)))
+    quantity = 0.4 * np.cos(3 * angle + 0.7) + 0.1 * slow(rng, 6000)
+    first, *rest = periodic(quantity, angle, range(1, 13))
+    assert first.order == 3 and first.p < 0.02 and first.share == pytest.approx(0.08 / 0.09, abs=0.05)
+    assert all(one.share < 0.3 for one in rest)
+    hits = sum(periodic(slow(rng, 2000), np.cumsum(np.full(2000, 0.02)), range(1, 13))[0].p <= LEAST for _ in range(60))
+    assert hits <= 6
+    assert periodic(quantity, 0.001 * angle, range(1, 13)) == []  # no two turns: nothing can come back
 
 
 def test_means_keep_the_two_sides_of_standstill_apart() -> None:

@@ -1,17 +1,11 @@
-"""Maps of where a gap lies: speed × load, motor angle, frequency, reversals, time, before and after the verdict.
-
-Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70 (spectra by segments); Carter, Proc. IEEE 75 (1987) 236
-(coherence, and what noise alone reaches).
-"""
+"""Maps of where a gap lies: speed × load, motor angle, frequency, reversals, time, before and after the verdict."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from hdagen.diagnosis.missing import Sight
+from hdagen.diagnosis.spectra import SEGMENT, beside_input
 from hdagen.diagnosis.whereabouts import Trace, trace
 from hdagen.pages.curves import Panel, Series, panels
 from hdagen.pages.heat import heat
@@ -21,8 +15,6 @@ SPEEDS, LOADS = 18, 10  # cells of the map
 FEWEST = 5  # samples of a cell
 ANGLES = 72  # of a motor turn
 ORDERS = 24  # a motor turn
-SEGMENT = 1.0  # s, of a spectrum
-PASSED = 0.4  # of the filter's first zero, up to which a spectrum is drawn
 ABOUT = 0.15  # s before and after a reversal
 STEPS = 60  # of time in the log
 COLORS = {"before": "orange", "after": "blue"}
@@ -115,56 +107,10 @@ def _orders(sight: Sight, joint: int, seen: Trace) -> str:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Spectra:
-    """Fourier transforms (S, F) of S segments of a series, each under ``window``, and their ``frequency`` (F,), Hz;
-    ``period`` s."""
-
-    frequency: Array
-    segments: NDArray[np.complex128]
-    window: Array
-    period: float
-
-    @classmethod
-    def of(cls, values: Array, period: float, segment: float = SEGMENT) -> Spectra:
-        """By segments of ``segment`` s that overlap by half, each less its mean and under Hann's window."""
-        rows = min(len(values), max(16, round(segment / period)))
-        window = np.hanning(rows)
-        parts = np.stack([values[b : b + rows] for b in range(0, len(values) - rows + 1, max(rows // 2, 1))])
-        transformed = np.asarray(np.fft.rfft((parts - parts.mean(1, keepdims=True)) * window, axis=1))
-        return cls(np.asarray(np.fft.rfftfreq(rows, period), float), transformed, window, period)
-
-    @property
-    def power(self) -> Array:
-        """Mean square of each frequency (F,)."""
-        return np.asarray((np.abs(self.segments) ** 2).mean(0))
-
-    @property
-    def density(self) -> Array:
-        """(F,), unit/√Hz."""
-        return np.sqrt(2 * self.power * self.period / float(self.window @ self.window))
-
-    def coherence(self, other: Spectra) -> Array:
-        """(F,) with another series of the same rows, in [0, 1]."""
-        cross = np.abs((self.segments * other.segments.conj()).mean(0)) ** 2
-        both = self.power * other.power
-        return np.divide(cross, both, out=np.zeros(len(both)), where=both > 0)
-
-
 def _frequency(sight: Sight, joint: int, seen: Trace) -> str:
     """Densities before and after, and the coherence with the motor's input."""
-    first, last = np.flatnonzero(seen.at)[[0, -1]]
-    period = sight.grid.period
-    inputs = Spectra.of(sight.grid.smooth(sight.inputs(sight.after)[:, joint - 1])[first : last + 1], period)
-    full = []
-    for values in (seen.before, seen.after):
-        whole = np.zeros(len(sight.time))
-        whole[seen.at] = values
-        full.append(Spectra.of(whole[first : last + 1], period))
-    upper = PASSED / (sight.grid.width * period)
-    drawn = (full[0].frequency > 0) & (full[0].frequency <= upper)
-    independent = (len(inputs.segments) + 1) / 2
-    level = 1 - CHANCE ** (1 / (independent - 1)) if independent > 1 else 1.0
+    drawn, (inputs, *full) = beside_input(sight, joint, seen.at, seen.before, seen.after)
+    level = 1 - CHANCE ** (1 / inputs.free) if inputs.free > 0 else 1.0
     return panels(
         f"{_value(seen).capitalize()} of joint {joint} over frequency",
         full[0].frequency[drawn],

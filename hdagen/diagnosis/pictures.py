@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.columns import commanded
-from hdagen.diagnosis.maps import Spectra
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.regimes import explained
+from hdagen.diagnosis.spectra import Spectra
 from hdagen.diagnosis.whereabouts import Trace, regressors, since_reversal, trace
 from hdagen.pages.curves import Curve, Panel, Plane, Series, panels, planes
 from hdagen.plant import Array

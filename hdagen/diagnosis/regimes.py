@@ -1,7 +1,8 @@
 """In which regime a missing quantity concentrates: speed, load, angle, time, … each with its share and a significance.
 
 Two questions are asked of every regressor: how much of the quantity's variance the means of its bins explain, and how
-much of its energy lies in one end bin. Neighbouring samples are not independent, so the significance is that of
+much of its energy lies in one end bin; and of an angle, how much comes back with it, once a turn or more often.
+Neighbouring samples are not independent, so the significance is that of
 circular shifts: quantity and regressor keep their own course in time, only their match is taken apart. It is multiplied
 by the number of regressors, among which the best is looked for.
 
@@ -15,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen.plant import Array
 
@@ -22,6 +24,8 @@ BINS = 8  # of equally many samples each
 SHIFTS = 999  # equally spaced; the smallest significance of one regressor is 1 in 1000
 LEAST = 0.05  # significance from which a regime is not named
 SAMPLES = 6000  # that are looked at, at most
+NEAR = 50  # of which part of a series a shift is small
+TURN = 2 * np.pi
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,33 @@ def explained(quantity: Array, regressors: Sequence[Regressor]) -> list[Explaine
     return sorted(found, key=lambda e: -e.share)
 
 
+@dataclass(frozen=True)
+class Periodic:
+    """How much of a variance (0 to 1) a sine and a cosine of ``order`` times an angle explain, and how likely chance
+    does that with any of the orders that were tried."""
+
+    order: int
+    share: float
+    p: float
+
+
+def periodic(quantity: Array, angle: Array, orders: Sequence[int]) -> list[Periodic]:
+    """Of ``quantity`` (K,), by each of the ``orders`` of which the angle (K,), rad, runs through two cycles or more,
+    the most first."""
+    rows = _rows(len(quantity))
+    y, theta = quantity[rows] - quantity[rows].mean(), angle[rows]
+    total, found = float(y @ y), []
+    for k in orders if total > 0 else ():
+        if k * np.ptp(theta) < 2 * TURN:
+            continue
+        waves = np.stack([np.cos(k * theta), np.sin(k * theta)], 1)
+        own = np.linalg.qr(waves - waves.mean(0))[0].T
+        shares = (_shifted(own, y) ** 2).sum(0) / total
+        others = shares[len(shares) // NEAR : -(len(shares) // NEAR) or None]  # a small shift is but another phase
+        found.append(Periodic(k, float(shares[0]), _chance(np.append(shares[0], others), len(orders))))
+    return sorted(found, key=lambda e: -e.share)
+
+
 def concentrated(energy: Array, regressors: Sequence[Regressor]) -> list[Concentrated]:
     """Of ``energy`` (K,), which may be negative in places, the end bin of each regressor that holds most beyond its
     part; the strongest first. Nothing where there is no energy in all."""
@@ -106,12 +137,16 @@ def _bins(values: Array) -> tuple[np.ndarray, int]:
 
 
 def _sums(labels: np.ndarray, count: int, values: Array) -> Array:
-    """Sum of ``values`` in each bin (count, S): as they are, then shifted around by one step after another, as many as
-    SHIFTS or as they have."""
+    """Sum of ``values`` in each bin (count, S), as `_shifted`."""
+    return _shifted(np.arange(count)[:, None] == labels, values)
+
+
+def _shifted(weights: Array | NDArray[np.bool_], values: Array) -> Array:
+    """Sums of ``values`` (K,) by each of the ``weights`` (B, K), (B, S): as they are, then shifted around by one step
+    after another, as many as SHIFTS or as they have."""
     steps = np.unique(np.linspace(0, len(values), SHIFTS + 2)[:-1].round().astype(int) % len(values))
     other = np.fft.rfft(values).conj()
-    kinds = np.arange(count)[:, None] == labels
-    return np.asarray(np.fft.irfft(np.fft.rfft(kinds) * other, len(values))[:, steps])
+    return np.asarray(np.fft.irfft(np.fft.rfft(weights) * other, len(values))[:, steps])
 
 
 def _chance(found: Array, tried: int) -> float:

@@ -19,7 +19,8 @@ import numpy as np
 from hdagen import late
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.portion import Mask
-from hdagen.diagnosis.regimes import LEAST, Concentrated, Regressor, concentrated, explained
+from hdagen.diagnosis.regimes import LEAST, Concentrated, Periodic, Regressor, concentrated, explained, periodic
+from hdagen.diagnosis.spectra import beside_input, loudest
 from hdagen.plant import Array
 from hdagen.readings import limits, mechanical
 
@@ -28,6 +29,9 @@ FEW = 0.01  # a share of base parameters below which a place is not named
 CONSTANT = 0.8  # of the rms, from where a mean is the most of it
 MUCH = 0.2  # of a variance, from where a regressor is named
 STEP = 1e-3  # s, of integration
+TURN = "the angle within a turn of the motor"
+ORDERS = range(1, 25)  # cycles a turn of the motor
+SECOND = 1.0  # s of motion that count as one where it is asked how often something tells
 _SPRINGS = ("flexspline_", "wave_generator_", "torsional_")
 _LINKS = ("mass_", "center_of_mass_", "inertia_", "length_", "gravity_", "payload_")
 
@@ -64,13 +68,15 @@ def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str
     if strange and not verdict:
         return left
     parts = _parts(sight, verdict)
-    shares = _shares(sight, parts, rows)
+    shares, often = _shares(sight, parts, rows)
     effects = [k for k, part in enumerate(parts) if part.name in verdict]
     others = sorted((k for k in range(len(parts)) if k not in effects and shares[k] >= FEW), key=lambda k: -shares[k])
     entries = []
     for k in (*effects, *others):
         part = parts[k]
-        said = _when(sight, part) if k in effects else f"Base parameters, {part.name}, within their tolerance."
+        said = (
+            _when(sight, part) if k in effects else f"Base parameters, {part.name}, within their tolerance: {often[k]}."
+        )
         entries.append({"joint": part.joint, "place": part.place, "share": round(shares[k], 4), "when": said})
     return entries[: len(effects)] + left + entries[len(effects) :]
 
@@ -101,22 +107,39 @@ def _base_place(name: str) -> str:
     return "link" if name.startswith(_LINKS) else "motor"
 
 
-def _shares(sight: Sight, parts: list[Part], rows: Mask) -> list[float]:
-    """Of the closed gap (one for each part, from 0; they sum to 1)."""
-    whole = _gap(sight, sight.after, rows)
-    back = []
+def _shares(sight: Sight, parts: list[Part], rows: Mask) -> tuple[list[float], list[str]]:
+    """Of the closed gap (one for each part, from 0; they sum to 1), and in how much of the motion each tells."""
+    seconds = np.floor((sight.log.time - sight.log.time[0]) / SECOND).astype(int)
+    whole = _squares(sight, sight.after, rows, seconds)
+    back, often = list[float](), list[str]()
     for part in parts:
         p = sight.after.copy()
         p[list(part.own)] = sight.before[list(part.own)]
-        back.append(max(_gap(sight, p, rows) - whole, 0.0))
+        without = _squares(sight, p, rows, seconds)
+        back.append(max(float(_gap(without.sum(0)) - _gap(whole.sum(0))), 0.0))
+        often.append(_told(_gap(without) - _gap(whole)))
     total = sum(back)
     if not 0 < total < math.inf:
-        return [1.0 if k == 0 else 0.0 for k in range(len(parts))]
-    return [b / total for b in back]
+        return [1.0 if k == 0 else 0.0 for k in range(len(parts))], often
+    return [b / total for b in back], often
 
 
-def _gap(sight: Sight, p: Array, rows: Mask) -> float:
-    """Logarithm of the gap, in multiples of noise, of windows that begin where the replay after the verdict says."""
+def _told(worse: Array) -> str:
+    """In how many seconds of the motion a model is worse than another by ``worse`` (S,), and how likely chance alone
+    does that (a test of signs)."""
+    up, down = int(np.count_nonzero(worse > 0)), int(np.count_nonzero(worse < 0))
+    ways: int = sum(math.comb(up + down, k) for k in range(up, up + down + 1))
+    return f"without them {up} of {len(worse)} s of motion are told worse {_p(ways / 2 ** (up + down))}"
+
+
+def _gap(squares: Array) -> Array:
+    """Logarithm of the gap of sums of squared errors in multiples of noise, and of how many (…, channels, 2)."""
+    return np.asarray(0.5 * np.log(np.maximum(squares[..., 0] / squares[..., 1], 1.0)).mean(-1))
+
+
+def _squares(sight: Sight, p: Array, rows: Mask, seconds: np.ndarray) -> Array:
+    """Sums of squared errors in multiples of noise, and of how many, in each second that has ``rows`` (S, channels, 2),
+    of windows that begin where the replay after the verdict says."""
     arm, log, after = sight.arm.at(p), sight.log, sight.replays[1]
     acting, shown = sight.commanded(p)
     ends = np.append(after.starts[1:], len(log))
@@ -124,16 +147,17 @@ def _gap(sight: Sight, p: Array, rows: Mask) -> float:
     begun = after.states[after.starts][:, : mechanical(arm)]
     x = arm.windows(begun, np.stack([after.starts, ends], 1), acting, dt, STEP, limits(arm), None)
     seen = late.read(arm, log.time, x, shown)
-    logs = []
+    label = np.unique(seconds[rows], return_inverse=True)[1]
+    found = []
     for name in after.errors:
         quantity, _, j = name.rpartition("_")
         if noise := after.noise.get(name):
             read = seen[quantity][:, int(j) - 1] if quantity in seen else shown[:, int(j) - 1]
             if quantity == "motor_torque" and arm.input_names[int(j) - 1].startswith("motor_current"):
                 read = read * arm.parameters.described[f"torque_constant_{j}"].nominal
-            wrong = float(np.sqrt(np.mean((read - log[name])[rows] ** 2)))
-            logs.append(math.log(max(wrong / noise, 1.0)))
-    return float(np.mean(logs))
+            errors = ((read - log[name])[rows] / noise) ** 2
+            found.append(np.stack([np.bincount(label, errors), np.bincount(label)], 1))
+    return np.stack(found, 1)
 
 
 def _unknown(sight: Sight, joint: int, rows: Mask) -> dict[str, Any]:
@@ -210,7 +234,7 @@ def regressors(sight: Sight, joint: int, at: np.ndarray) -> list[Regressor]:
         Regressor("the motor's speed", "rad/s", speed, True),
         Regressor("the load on the transmission", "N m", torque[:, joint - 1], True),
         Regressor("the joint's angle", "rad", column("joint_position", joint)),
-        Regressor("the angle within a turn of the motor", "rad", np.mod(angle, 2 * np.pi)),
+        Regressor(TURN, "rad", np.mod(angle, 2 * np.pi)),
         Regressor("the joint's acceleration", "rad/s²", sight.acceleration[1][:, joint - 1], True),
         Regressor("the motor's input", unit, current, True),
         Regressor("the rate of the motor's input", f"{unit}/s", rate, True),
@@ -245,12 +269,39 @@ def _when(sight: Sight, part: Part) -> str:
     said = []
     if abs(quantity.mean()) > CONSTANT * _rms(quantity):
         said.append(f"is mostly the same throughout (mean {quantity.mean():.2g} {seen.unit})")
-    if goes is not None:
+    turn = next((e for e in _orders(sight, joint, quantity, seen.at) if e.p <= LEAST and e.share >= MUCH), None)
+    if turn is not None and (goes is None or turn.share > goes.share):
+        said.append(f"goes with {TURN}, {_often(turn)}, which explains {100 * turn.share:.0f} % of it {_p(turn.p)}")
+    elif goes is not None:
         said.append(f"goes with {goes.regressor.name}, which explains {100 * goes.share:.0f} % of it {_p(goes.p)}")
+        if turn is not None and goes.regressor.name == TURN:
+            said[-1] += f", {100 * turn.share:.0f} % {_often(turn)} {_p(turn.p)}"
     if sits is not None:
         said.append(_lies(sits))
     spread = f"is spread over speeds, loads, angles and times: none explains {100 * MUCH:.0f} % of it at p < {LEAST:g}"
-    return f"The {seen.words} ({_rms(quantity):.2g} {seen.unit} rms) {', and '.join(said) or spread}."
+    words = f"The {seen.words} ({_rms(quantity):.2g} {seen.unit} rms) {', and '.join(said) or spread}."
+    return words + _over_frequency(sight, joint, quantity, seen.at)
+
+
+def _often(turn: Periodic) -> str:
+    return {1: "once", 2: "twice"}.get(turn.order, f"{turn.order} times") + " a turn"
+
+
+def _orders(sight: Sight, joint: int, quantity: Array, at: np.ndarray) -> list[Periodic]:
+    return periodic(quantity, sight.column("motor_position", joint)[at], ORDERS)
+
+
+def _over_frequency(sight: Sight, joint: int, quantity: Array, at: np.ndarray) -> str:
+    """A sentence to add: the octave with most of the energy, and how much of it follows the input in a straight line;
+    none where the motion is too short to tell."""
+    passed, (inputs, own) = beside_input(sight, joint, at, quantity)
+    band = loudest(own, inputs, passed) if own.free >= 1.0 else None
+    if band is None:
+        return ""
+    return (
+        f" Of its energy, {100 * band.share:.0f} % lies between {band.low:.3g} and {band.high:.3g} Hz, where "
+        f"{100 * band.coherence:.0f} % follows the motor's input in a straight line {_p(band.p)}."
+    )
 
 
 def _lies(sits: Concentrated) -> str:
