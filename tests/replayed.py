@@ -30,7 +30,8 @@ def simulated(arm: Arm, seconds: float = 1.2, velocities: bool = False, seed: in
     time = np.cumsum(
         np.full(round(seconds * 1000), 1e-3) if even else rng.uniform(0.5e-3, 1.5e-3, round(seconds * 1000))
     )
-    swing = np.sin(2 * np.pi * np.outer(time, [1.7, 4.1]) + rng.uniform(0, 6, 2)) @ [[1.0, 0.5], [0.6, 1.0]]
+    waves = np.sin(2 * np.pi * np.outer(time, [1.7, 4.1]) + rng.uniform(0, 6, 2))
+    swing = waves @ np.array([[1.0, 0.5, -0.7], [0.6, 1.0, 0.9]])
     size = 0.25 * np.array([slot["bound"] for slot in arm.manifest["input"][: arm.n]])
     u = np.zeros((len(time), arm.nu))
     u[:, : arm.n] = size * swing[:, : arm.n]

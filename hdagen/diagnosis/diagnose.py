@@ -150,9 +150,8 @@ def _counted(found: Replay, seen: Record) -> Replay:
 def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay) -> dict[str, Any]:
     notes = [note for log in logs for note in log.notes]
     if before.guessed:
-        notes.append(
-            f"{len(before.guessed)} held-out window(s) begin in motion, without a velocity: the gap leaves them out."
-        )
+        count = len(before.guessed)
+        notes.append(f"{count} window(s) of a replay begin in motion, without a velocity: the gap leaves them out.")
     return {
         "log": ", ".join(log.source for log in logs),
         "rate": 1 / logs[0].period,
