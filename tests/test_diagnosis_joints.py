@@ -16,14 +16,16 @@ from hdagen.__main__ import main
 from hdagen.log import write
 from hdagen.plant import Arm
 
+ARM = arms.arm("RRR", drive="torque_constant = 0.05\nmax_current = 20.0")
+
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("joint", [1, 3])
 def test_what_one_of_three_joints_lacks_is_named(joint: int, build: Callable[..., Compiled], tmp_path: Path) -> None:
     """Twice the Coulomb friction that the robot file states."""
     robot = tmp_path / "robot.toml"
-    robot.write_text(arms.arm("RRR"))
-    machine = Arm(build(arms.arm("RRR")).folder)
+    robot.write_text(ARM)
+    machine = Arm(build(ARM).folder)
     machine.parameters[f"coulomb_friction_{joint}"] *= 2.0
     log = simulated(machine, 8.0)
     assert all(np.ptp(log[f"joint_position_{j}"]) > 0.1 for j in (1, 2, 3))
