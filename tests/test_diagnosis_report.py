@@ -438,8 +438,14 @@ def test_only_what_long_windows_told_says_so(arm: Arm, tmp_path: Path) -> None:
 
 
 def test_a_report_without_a_verdict_says_so_and_shows_what_is_left(arm: Arm, tmp_path: Path) -> None:
-    page = write(seen(arm, {}), arm, tmp_path / "report.html")
+    none = seen(arm, {})
+    page = write(none, arm, tmp_path / "report.html")
     assert "No effect above the size that counts was found" in page and "by what it goes with" in page
+    assert "On held-out motion the gap goes from" in page
+    mass = {"mass_1": {"value": 1.0, "std": 0.1, "unit": "kg", "end": None}}
+    assert "Base parameters within their tolerance take the gap on held-out motion from" in sentence(
+        none[1] | {"parameters": mass}
+    )
 
 
 @pytest.mark.parametrize(

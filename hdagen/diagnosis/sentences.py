@@ -31,7 +31,9 @@ def sentence(content: dict[str, Any]) -> str:
         sized = "" if p is None else f" (probability {p:.2f}{calibrated(content)})"
         what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
     sure = "" if content["sure"] else "; this is not sure"
-    line = f"{what}{sure}. On held-out motion the gap goes from {_times(gap['before'])} "
+    within = "Base parameters within their tolerance take the gap on held-out motion"
+    how = within if content["parameters"] and not named else "On held-out motion the gap goes"
+    line = f"{what}{sure}. {how} from {_times(gap['before'])} "
     line += f"to {_times(gap['after'])} times the noise{_worst(gap) if gap['before'] >= FINE else ''}"
     if gap["shrink"] is not None:
         interval = gap["interval"]
