@@ -14,15 +14,20 @@ NOISE = 0.01  # A
 STEP = 2 * np.pi / 4096  # rad
 
 
-def found(speed: np.ndarray, lines: dict[float, float], hertz: float = 0.0, prismatic: bool = False) -> list[Finding]:
-    """Of a motor at ``speed`` (T,), rad/s, whose current has ``lines`` over its angle and one of ``hertz``."""
+def found(
+    speed: np.ndarray, lines: dict[float, float], hertz: float = 0.0, prismatic: bool = False, lost: float = 0.0
+) -> list[Finding]:
+    """Of a motor at ``speed`` (T,), rad/s, whose current has ``lines`` over its angle and one of ``hertz``; a share of
+    the rows is ``lost``."""
     rng, time = np.random.default_rng(3), 1e-3 * np.arange(len(speed))
     angle = np.cumsum(speed) * 1e-3
     current = 0.8 * np.sign(speed) + 0.003 * speed + NOISE * rng.standard_normal(len(time))
     current = current + sum(size * np.sin(k * angle + k) for k, size in lines.items())
     current = current + 0.2 * np.sin(2 * np.pi * hertz * time)
     columns = {"motor_current_1": current, "motor_position_1": np.round(angle / STEP) * STEP}
-    log = Log(time, columns, 1, "made")
+    kept = rng.random(len(time)) >= lost
+    columns = {name: values[kept] for name, values in columns.items()}
+    log = Log(time[kept], columns, 1, "made")
     channels = {name: describe(name, values) for name, values in columns.items()}
     return cycles(log, channels, Machine((100.0,), {}, (None,), (None,), (prismatic,)), [1])
 
@@ -31,9 +36,10 @@ STEADY = np.full(6000, 40.0)
 SWEPT = np.linspace(20.0, 80.0, 6000)
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.01, 0.05])
 @pytest.mark.parametrize("speed", [STEADY, -STEADY, SWEPT, np.concatenate([SWEPT, -SWEPT])])
-def test_lines_are_named_with_their_size(speed: np.ndarray) -> None:
-    (one,) = found(speed, {1: 0.05, 12: 0.1, 24: 0.02})
+def test_lines_are_named_with_their_size(speed: np.ndarray, lost: float) -> None:
+    (one,) = found(speed, {1: 0.05, 12: 0.1, 24: 0.02}, lost=lost)
     assert (one.name, one.joint) == ("cycles", 1)
     for k, size in ((1, "0.05"), (12, "0.1"), (24, "0.02")):
         text = one.sentence.partition(f" {k} (")[2]

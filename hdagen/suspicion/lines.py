@@ -26,6 +26,7 @@ _CLEAR = 5.0  # times the median beside it, above which an amplitude is a line: 
 _NYQUIST = 0.4  # cycles a row at most
 _TREND = 3  # degree of the polynomial that is taken off a stretch
 _NAMED = 5  # lines at most
+_PERIODS = 3.5  # without a row, over which a stretch goes on
 _EVEN = 0.1  # spread of the speed, relative, below which a line of time looks the same
 
 
@@ -84,7 +85,7 @@ def _lines(log: Log, values: np.ndarray, angle: np.ndarray) -> dict[int, float]:
     speed = np.gradient(angle, log.time)
     steps = np.abs(np.gradient(angle))
     fast = np.abs(speed) > _MOVES * np.sqrt(np.mean(speed**2))
-    even = np.append(np.diff(log.time) < 1.5 * log.period, True)
+    even = np.append(np.diff(log.time) < _PERIODS * log.period, True)
     weight, left = np.zeros(len(values)), np.zeros(len(values))
     for first, end in stretches(fast & even):
         part = slice(first, end)
