@@ -11,8 +11,7 @@ import pytest
 from test_diagnosis import problem
 
 from hdagen.diagnosis import search
-from hdagen.diagnosis.candidates import PRESENT, SHARES, Atom
-from hdagen.diagnosis.decide import least
+from hdagen.diagnosis.candidates import PRESENT, SHARES, Atom, Column, Dictionary
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import laplace, settled
 from hdagen.diagnosis.fitting import _prior
@@ -61,18 +60,14 @@ def test_a_robot_file_far_outside_its_tolerances_is_refused(off: list[float], na
 # -- what counts ------------------------------------------------------------------------------------------------------
 
 
-def free(*spikes: float) -> Any:
-    """A fit in which atoms 0, 1, … are free, a column each of these spikes."""
-    words = SimpleNamespace(
-        spike=np.array(spikes),
-        atoms=[SimpleNamespace(name=f"payload@{k + 1}") for k in range(len(spikes))],
-        free=lambda atoms: np.array(atoms, int),
-    )
-    return SimpleNamespace(design=SimpleNamespace(words=words), atoms=tuple(range(len(spikes))))
-
-
 def test_what_the_robot_files_tolerance_allows_is_no_effect() -> None:
-    assert least(free(SHARES[0], 0.34)) == {"payload@1": PRESENT, "payload@2": pytest.approx(0.68)}
+    atoms = tuple(Atom("payload", j, "link", (f"payload_mass_{j}",), {}, True) for j in (1, 2))
+    columns = tuple(
+        Column(atom.amplitudes[0], k, 0.0, 1.0, spike, k, True)
+        for k, (atom, spike) in enumerate(zip(atoms, (SHARES[0], 0.34), strict=True))
+    )
+    words = Dictionary(atoms, columns)
+    assert (words.counts(0), words.counts(1)) == (PRESENT, pytest.approx(0.68))
 
 
 @pytest.mark.parametrize("unit, width", [("N m/rad", 90.0), ("N m s/rad", 90.0), ("N m", 1.0), ("1", 1.0)])
