@@ -272,7 +272,7 @@ def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
         return log, []
     if np.mean(bad) > _LOST:
         raise LogError(
-            [f"{log.source}: {one.sentence}: too many; record with a logger that keeps up." for one in found]
+            [f"{log.source}: {one.sentence}: too many; record each channel at the rate it is read at." for one in found]
         )
     taken = "these rows are taken out; look at what the logger wrote there."
     repairs = [Repair(one.name, one.joint, f"{one.sentence}: {taken}") for one in found]
