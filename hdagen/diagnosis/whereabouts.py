@@ -269,7 +269,8 @@ def _when(sight: Sight, part: Part) -> str:
     said = []
     if abs(quantity.mean()) > CONSTANT * _rms(quantity):
         said.append(f"is mostly the same throughout (mean {quantity.mean():.2g} {seen.unit})")
-    turn = next((e for e in _orders(sight, joint, quantity, seen.at) if e.p <= LEAST and e.share >= MUCH), None)
+    orders = periodic(quantity, sight.column("motor_position", joint)[seen.at], ORDERS)
+    turn = next((e for e in orders if e.p <= LEAST and e.share >= MUCH), None)
     if turn is not None and (goes is None or turn.share > goes.share):
         said.append(f"goes with {TURN}, {_often(turn)}, which explains {100 * turn.share:.0f} % of it {_p(turn.p)}")
     elif goes is not None:
@@ -285,10 +286,6 @@ def _when(sight: Sight, part: Part) -> str:
 
 def _often(turn: Periodic) -> str:
     return {1: "once", 2: "twice"}.get(turn.order, f"{turn.order} times") + " a turn"
-
-
-def _orders(sight: Sight, joint: int, quantity: Array, at: np.ndarray) -> list[Periodic]:
-    return periodic(quantity, sight.column("motor_position", joint)[at], ORDERS)
 
 
 def _over_frequency(sight: Sight, joint: int, quantity: Array, at: np.ndarray) -> str:

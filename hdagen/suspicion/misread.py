@@ -110,10 +110,9 @@ def _glitches(log: Log, joint: int, place: Place) -> Misread | None:
             wrong[row:after] = True
     if not wrong.any():
         return None
-    first = int(np.argmax(wrong))
     sentence = (
-        f"{place.channel.name} leaps by up to {np.abs(off[wrong]).max():.4g} and back in {np.count_nonzero(wrong)} "
-        f"row(s), first in row {first + 1} ({log.time[first]:.6g} s), and goes on as if nothing had been"
+        f"{place.channel.name} leaps by up to {np.abs(off[wrong]).max():.4g} and back {_where(log, wrong)}, and goes "
+        "on as if nothing had been"
     )
     return Misread("glitch", joint, wrong, sentence)
 
@@ -165,9 +164,13 @@ def _spikes(log: Log, name: str, joint: int, stated: float | None) -> Misread | 
     rows = size > max(_FAR * stated if stated else UNSTATED_CURRENT, _APART * most)
     if not rows.any():
         return None
-    first = int(np.argmax(rows))
     sentence = (
-        f"{name} reaches {size[rows].max():.4g} A in {np.count_nonzero(rows)} row(s), first in row {first + 1} "
-        f"({log.time[first]:.6g} s), and stays within {most:.3g} A in {100 * _MOST:g} % of the rows; {known(stated)}"
+        f"{name} reaches {size[rows].max():.4g} A {_where(log, rows)}, and stays within {most:.3g} A in "
+        f"{100 * _MOST:g} % of the rows; {known(stated)}"
     )
     return Misread("spike", joint, rows, sentence)
+
+
+def _where(log: Log, rows: np.ndarray) -> str:
+    first = int(np.argmax(rows))
+    return f"in {np.count_nonzero(rows)} row(s), first in row {first + 1} ({log.time[first]:.6g} s)"
