@@ -14,10 +14,10 @@ from replayed import FLEXIBLE, simulated
 from hdagen.diagnosis import fitting
 from hdagen.diagnosis.candidates import Atom, Column, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, design, residual
+from hdagen.diagnosis.first_look import first
 from hdagen.diagnosis.fitting import anew
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
-from hdagen.diagnosis.search import first
 from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.plant import Arm

@@ -11,11 +11,11 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen.diagnosis.candidates import SHARES, dictionary
 from hdagen.diagnosis.design import TEMPERATURE
+from hdagen.diagnosis.first_look import nothing
 from hdagen.diagnosis.fitting import Fitted, sharing
 from hdagen.diagnosis.orders import heard, with_orders
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
-from hdagen.diagnosis.search import nothing
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
 from hdagen.plant import Arm

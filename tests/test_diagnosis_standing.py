@@ -12,7 +12,7 @@ import pytest
 from hdagen.diagnosis import standing
 from hdagen.diagnosis.decide import Decision, Hypothesis
 from hdagen.diagnosis.portion import Portion
-from hdagen.diagnosis.standing import ABOVE, MOST, _closes, borne_out, doubted, known, worst
+from hdagen.diagnosis.standing import ABOVE, MOST, _closes, borne_out, doubted, known, outsized, worst
 from hdagen.log import Log
 from hdagen.replay import Replay
 
@@ -210,3 +210,24 @@ def test_beside_something_unknown_a_gap_must_surely_be_much_smaller(
     after: float, interval: list[float] | None, bent: bool, closes: bool
 ) -> None:
     assert _closes({"before": 100.0, "after": after, "interval": interval}, bent) is closes
+
+
+@pytest.mark.parametrize(
+    ("verdict", "std", "end", "says"),
+    [
+        (["joint_damping@2"], 0.5, "high", True),
+        (["joint_damping@2"], 0.5, "low", True),
+        (["joint_damping@2"], 0.5, None, False),
+        (["joint_damping@2"], None, "high", False),  # a shape
+        (["joint_damping@1"], 0.5, "high", False),  # another candidate's
+    ],
+)
+def test_a_size_at_an_end_of_what_it_may_be_is_more_than_is_known(
+    verdict: list[str], std: float | None, end: str | None, says: bool
+) -> None:
+    inner = {"value": 3.0, "std": 0.1, "unit": "1", "end": None}
+    estimate = {"value": 120.0, "std": std, "unit": "N m s/rad", "end": end}
+    parameters = {"torsional_stiffness": inner, "torsional_damping": estimate}
+    cause = {"effect": "joint_damping", "joint": 2, "parameters": parameters}
+    other = {"effect": "joint_damping", "joint": 1, "parameters": {"torsional_damping": inner}}
+    assert outsized({"verdict": verdict, "causes": [cause, other]}) == says

@@ -14,7 +14,8 @@ from hdagen.diagnosis.achievable import corrected
 from hdagen.diagnosis.beside import beside, sure
 from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
-from hdagen.diagnosis.findings import findings
+from hdagen.diagnosis.findings import findings, hypothetical
+from hdagen.diagnosis.first_look import first_look
 from hdagen.diagnosis.foreign import foreign
 from hdagen.diagnosis.ladder import ladder, left_by
 from hdagen.diagnosis.lasting import lasting
@@ -24,7 +25,7 @@ from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.standing import borne_out, doubted, known, stands
+from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
 from hdagen.log import Log, LogError
@@ -35,6 +36,7 @@ from hdagen.together import together
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
+Beside = tuple[Replay, Replay, Portion]  # the robot file's replay, the flexible correction's, what of them is compared
 Told = tuple[Decision, dict[str, Any], Arm, Replay]  # what is said, diagnosis.json of it, the model and its replay
 BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 
@@ -75,17 +77,14 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     def counted(arm: Arm, said: verdict.Verdict | None = None) -> Replay:
         return _counted(replay(arm, held_out.log, with_=said), seen)
 
-    def without() -> tuple[Replay, Replay, Portion]:  # what begins with a guess tells of the guess
-        before = counted(plain)
-        told_by = held_out.without(before.guessed, before.starts)
-        return before, corrected(plain, shown, held_out, before), told_by
+    def without(base: verdict.Verdict) -> tuple[Replay, Replay, Portion]:
+        refitted = verdict.applied(plain, base)[0]
+        before, flexible = counted(plain), corrected(refitted, shown, held_out, counted(refitted))
+        return before, flexible, held_out.without(before.guessed, before.starts)  # a guess would tell of itself
 
-    with ThreadPoolExecutor(1) as aside:  # the search leaves half a core idle
-        needs_no_verdict = aside.submit(without)
-        found = with_springs(robot, arm, seen, window, search(Shooting(arm, seen), say), say)
-        decision = _own(decide(found), logs)
-        say("replay of held-out motion")
-        before, flexible, held_out = needs_no_verdict.result()
+    found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say)
+    decision = _own(decide(found), logs)
+    say("replay of held-out motion")
     alone = sure(arm, seen)
 
     def told(decided: Decision) -> Told:
@@ -97,8 +96,9 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     def instead(strange: Decision) -> Decision | None:  # known effects alone, where the held-out motion bears that out
         if not (without_it := known(strange)).verdict:
             return None
-        tried = borne_out(strange, before, told(without_it)[3], flexible, held_out)
-        return None if tried.unknown else tried
+        _, content, _, alone_left = told(without_it)
+        tried = borne_out(strange, before, alone_left, flexible, held_out)
+        return None if tried.unknown or outsized(content) else tried
 
     if decision.unknown:
         if not (better := instead(decision)):
@@ -122,6 +122,25 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out, before) | of_data
     return Diagnosis(found, decision, content, before, after, held_out, sight)
+
+
+def _searched(
+    robot: str | Path,
+    arm: Arm,
+    seen: Record,
+    window: float,
+    beside: Callable[[verdict.Verdict], Beside],
+    say: Callable[[str], None],
+) -> tuple[Search, Beside]:
+    """What is found in ``seen``, and meanwhile, as a search leaves half a core idle, what needs no more of it than the
+    base parameters of a model without effects."""
+    say("what the log suggests")
+    shooting = Shooting(arm, seen)
+    words, none = first_look(shooting)
+    with ThreadPoolExecutor(1) as aside:
+        meanwhile = aside.submit(beside, hypothetical(none, ()))
+        del none
+        return with_springs(robot, arm, seen, window, search(shooting, words, say), say), meanwhile.result()
 
 
 def _own(decision: Decision, logs: Sequence[Log]) -> Decision:

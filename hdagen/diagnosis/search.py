@@ -8,17 +8,16 @@ from functools import partial
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import SHARES, Dictionary, dictionary
-from hdagen.diagnosis.design import Design, Point, chosen, design
+from hdagen.diagnosis.candidates import Dictionary
+from hdagen.diagnosis.design import Design, chosen, design
 from hdagen.diagnosis.evidence import Scored, large, posteriors, score
+from hdagen.diagnosis.first_look import first, likeliest
 from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened, sharing
-from hdagen.diagnosis.orders import heard, with_orders
+from hdagen.diagnosis.orders import heard
 from hdagen.diagnosis.scan import Start, put, scan
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.starts import suggested
 from hdagen.together import together
 
-LOOKS = 2  # steps of a first look
 FIELD = (9, 5, 3)  # how many hypotheses beside none are in each round of the race
 MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same of further effects beside a leader
@@ -60,11 +59,9 @@ class Search:
     screened: tuple[Scored, ...]
 
 
-def search(shooting: Shooting, say: Callable[[str], None]) -> Search:
-    """Every effect in one linear model about the robot file's numbers, and at several sizes; those that lead where they
-    stand; then sets."""
-    say("what the log suggests")
-    words = _words(shooting)
+def search(shooting: Shooting, words: Dictionary, say: Callable[[str], None]) -> Search:
+    """Every effect of ``words`` in one linear model about the robot file's numbers, and at several sizes; those that
+    lead where they stand; then sets."""
     say(f"screening {len(words.atoms)} candidates")
     at = design(shooting, words, first(shooting, words))
     screened = _screened(at.whole())
@@ -91,36 +88,15 @@ def _screened(at: Design) -> list[Scored]:
     return [sized(one) if one.atoms else one for one in scored]
 
 
-def _words(shooting: Shooting) -> Dictionary:
-    """All candidates with what the log suggests, of a first look with no effect meant: the orders of ripples, and the
-    share to which all are tolerated, as where none leaves little, what is not there cannot be large."""
-    hints = suggested(shooting.arm, shooting.record)
-    fit = nothing(shooting, dictionary(shooting.arm, hints))
-    return dictionary(shooting.arm, with_orders(fit, hints)).sharing(fit.design.words.share)
-
-
-def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
-    """No effect meant, after a few steps, with the share under which that is most probable."""
-    fit = begun(design(shooting, words.focused(()), first(shooting, words)), words, (), 1.0)
-    for _ in range(LOOKS):
-        fit = advanced(fit, words)
-    return _likeliest(fit)
-
-
-def _likeliest(fit: Fitted) -> Fitted:
-    """A hypothesis with all that it does not mean tolerated to the share under which that is most probable."""
-    return max((sharing(fit, share) for share in SHARES), key=lambda one: one.score.at.evidence)
-
-
 def _shared(fitted: list[Fitted], words: Dictionary) -> tuple[list[Fitted], Dictionary]:
     """The same with all tolerated to the share that is the best's, and the words for that."""
     lead = first_whole(fitted)
-    likeliest = _likeliest(lead)
-    share = likeliest.design.words.share
+    moved_to = likeliest(lead)
+    share = moved_to.design.words.share
     if share == words.share:
         return fitted, words
     words = words.sharing(share)
-    moved = _promising_first([likeliest if fit is lead else sharing(fit, share) for fit in fitted])
+    moved = _promising_first([moved_to if fit is lead else sharing(fit, share) for fit in fitted])
     further = [fit for fit in moved if not fit.atoms][:1] + [fit for fit in moved if fit.atoms and fit.whole][:SETTLING]
     gone = together(lambda fit: _on(fit, words, LONGEST, 1.0) if fit.whole else fit, further)
     return _promising_first([*(fit.bare() for fit in moved if fit not in further), *gone]), words
@@ -222,14 +198,19 @@ def _on(fit: Fitted, words: Dictionary, steps: int, enough: float) -> Fitted:
 
 
 def _from(lead: Fitted, words: Dictionary, say: Callable[[str], None], begin: Begin) -> Fitted:
-    """A hypothesis that begins where the lead stands; one that does not come close, without its columns."""
+    """A hypothesis that begins where the lead stands; one that does not come close, without its columns: it ends where
+    it would not, were each further step to bring what the last one did."""
     how, atoms = begin
     fit = how(lead, words, atoms)
-    for number in range(1, FEWER + 1):
-        fit = _further(words, say, f"from {' + '.join(lead.names)}, round {number} of {FEWER}", fit)
     least = _charged(lead.reached, lead, lead.excess) - CLOSE * lead.excess
-    behind = fit.reached < lead.reached and _charged(fit.score.evidence, fit, lead.excess) < least
-    return fit.bare() if behind else fit
+    for number in range(1, FEWER + 1):
+        before = fit
+        fit = _further(words, say, f"from {' + '.join(lead.names)}, round {number} of {FEWER}", before)
+        gain = max(fit.score.evidence - before.score.evidence, fit.reached - before.reached)
+        behind = least - _charged(fit.score.evidence, fit, lead.excess)
+        if fit.reached < lead.reached and behind > gain * (FEWER - number):
+            return fit.bare()
+    return fit
 
 
 def _much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
@@ -243,19 +224,6 @@ def _beyond(fitted: Sequence[Fitted]) -> bool:
     best = best_first(fitted)[0]
     none = next((f for f in fitted if not f.atoms), best)
     return best.clean - best.reached > max(BEYOND * (none.clean - none.reached), LOST)
-
-
-def first(shooting: Shooting, words: Dictionary) -> Point:
-    """Where every hypothesis begins: the robot file's own numbers, with what was read off the log as far as it is
-    tolerated, walls and ripples where the log suggests them."""
-    p = shooting.arm.p.copy()
-    for atom in words.atoms:
-        if atom.first:
-            atom.shape(shooting.arm, p)
-    for c in words.columns:
-        if c.seen:
-            p[c.index] = c.tolerated
-    return Point(p, shooting.begun(p))
 
 
 def _promising(

@@ -6,7 +6,8 @@ looked at on the held-out motion, and the leading model with all that its fit ha
 where both leave most of what every encoder of a joint errs by, something is at work that no effect explains. And where
 an effect is named of a joint and the verdict closes next to nothing there: that a little of much else does is not what
 is said. The other way round: where known effects alone close most of it, what short windows leave is little; and where
-no regression closes more, what is left has no structure that could be known.
+no regression closes more, what is left has no structure that could be known. But one that would have to be larger than
+any known effect is none.
 """
 
 from __future__ import annotations
@@ -86,6 +87,14 @@ def doubted(
 def known(decision: Decision) -> Decision:
     """What would be said if there were nothing that no effect explains."""
     return _at_odds(decision, 0.0, 1)
+
+
+def outsized(content: dict[str, Any]) -> bool:
+    """Whether a verdict, as diagnosis.json has it, has an effect whose size is at an end of what it may be: it would be
+    more than any that is known."""
+    causes = (one for one in content["causes"] if f"{one['effect']}@{one['joint']}" in content["verdict"])
+    sizes = (q for cause in causes for q in cause["parameters"].values() if q["std"] is not None)  # a shape has none
+    return any(q["end"] for q in sizes)
 
 
 def borne_out(decision: Decision, before: Replay, alone: Replay, flexible: Replay, held: Portion) -> Decision:
