@@ -226,3 +226,28 @@ def test_what_rounding_leaves_is_no_evidence() -> None:
         assert laplace(reduced.summed(np.ones(40)), np.full(3, 1e6), 0.3, np.ones(40), bounds, 1.0).evidence < min(
             honest.evidence, -1e12
         )
+
+
+@pytest.mark.parametrize(
+    ("steps", "close"),
+    [
+        ([-3.5], False),  # two more such steps would not do
+        ([-2.5, -2.4], False),
+        ([-2.5, -1.5, -1.2], False),
+        ([-2.5, -1.5, -0.9], True),
+        ([0.5, 0.5, 0.5], True),  # where the lead ought to have come to
+    ],
+)
+def test_what_begins_where_the_lead_stands_ends_where_it_does_not_come_close(
+    monkeypatch: pytest.MonkeyPatch, steps: list[float], close: bool
+) -> None:
+    def runner(evidence: float) -> Any:
+        score, given_up = SimpleNamespace(evidence=CLOSE * evidence), SimpleNamespace(whole=False)
+        given = {"names": ("one",), "excess": 1.0, "whole": True, "bare": lambda: given_up}
+        return SimpleNamespace(atoms=(0,), score=score, reached=score.evidence, **given)
+
+    walk = [runner(step) for step in steps]
+    monkeypatch.setattr(search, "_further", lambda words, say, when, one: walk.pop(0))
+    begin: Any = (lambda lead, words, atoms: runner(-4.0), (0,))
+    found = search._from(runner(0.0), None, lambda word: None, begin)  # type: ignore[arg-type]
+    assert found.whole == close and not walk

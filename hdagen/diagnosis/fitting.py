@@ -334,13 +334,10 @@ def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, 
 
 def placed(at: Design, theta: Array, begun: Array) -> Point:
     """The point at θ within the bounds. What is not meant moves too: what is tolerated of an effect may be far above
-    the noise, and its column tells it only roughly. What the windows remember of the motion before them is as it is
-    here while its shapes are: how much of it there is changes that little."""
+    the noise, and its column tells it only roughly."""
     described = list(at.shooting.arm.parameters.described.values())
     p = at.point.p.copy()
     for value, c in zip(theta, at.words.columns, strict=True):
         q = described[c.index]
         p[c.index] = min(max(c.center + float(value) * c.unit, q.low), q.high)
-    own = at.shooting.shaping
-    memory = at.point.memory if np.array_equal(p[own], at.point.p[own]) else None
-    return Point(p, begun, memory)
+    return Point(p, begun)

@@ -141,7 +141,6 @@ class Shooting:
         effects, whole = self.arm.manifest["effects"], ("amplitudes", "shapes")
         self.staging = places(self.arm, (e for e in effects if e["place"] == "input"), *whole)
         self.remembering = places(self.arm, (e for e in effects if e["states"]), *whole)
-        self.shaping = places(self.arm, (e for e in effects if e["states"]), "shapes")
         self.loudness = memories(self.arm)
 
     def _carried(self) -> float:
