@@ -11,14 +11,18 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen.diagnosis.candidates import SHARES, dictionary
 from hdagen.diagnosis.design import TEMPERATURE
+from hdagen.diagnosis.findings import hypothetical
 from hdagen.diagnosis.first_look import nothing
 from hdagen.diagnosis.fitting import Fitted, sharing
+from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.orders import heard, with_orders
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
 from hdagen.plant import Arm
+from hdagen.replay import replay
+from hdagen.verdict import applied
 
 Builder = Callable[..., Compiled]
 EFFECTS = ("torque_ripple", "cable_spring", "current_bias", "encoder_eccentricity", "asymmetric_friction", "stiffness")
@@ -56,6 +60,21 @@ def test_a_ripple_s_order_is_found_though_a_little_of_everything_is_there(build:
     assert with_orders(fit, hints).shapes["ripple_order_1"][0] == ORDER
     calm, hints = none(build, 0.0)
     assert ORDER not in with_orders(calm, hints).shapes["ripple_order_1"]
+
+
+def test_with_no_effect_meant_base_parameters_bring_the_model_nearer(build: Builder) -> None:
+    """What a flexible correction stands on: they alone, whatever is tolerated beside them."""
+    arm = Arm(build(FLEXIBLE, effects=EFFECTS).folder)
+    truth, names = arm.p.copy(), list(arm.parameters.described)
+    truth[names.index("mass_2")] *= 1.04
+    log, held = (simulated(arm.at(truth), seed=seed) for seed in (1, 2))
+    shooting = Shooting(arm, record(arm, Portion.whole(log), 0.05))
+    fit = nothing(shooting, dictionary(arm, suggested(arm, shooting.record)))
+    plain, base = Arm(build(FLEXIBLE).folder), hypothetical(fit, ())
+    assert not base.effects and base.base["mass_2"] == pytest.approx(truth[names.index("mass_2")], rel=0.02)
+    before, after = (replay(one, held) for one in (plain, applied(plain, base)[0]))
+    found = gap(before, after, Portion.whole(held))
+    assert found["after"] < 0.5 * found["before"]
 
 
 def test_an_order_that_is_heard_is_one_more_atom(build: Builder) -> None:
