@@ -36,7 +36,7 @@ from hdagen.together import together
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
-Beside = tuple[Replay, Replay, Portion]  # the robot file's replay, the flexible correction's, what of them is compared
+Meanwhile = tuple[Replay, Replay, Portion]  # the robot file's replay, the flexible correction's, what of them is compared
 Told = tuple[Decision, dict[str, Any], Arm, Replay]  # what is said, diagnosis.json of it, the model and its replay
 BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 
@@ -129,16 +129,16 @@ def _searched(
     arm: Arm,
     seen: Record,
     window: float,
-    beside: Callable[[verdict.Verdict], Beside],
+    work: Callable[[verdict.Verdict], Meanwhile],
     say: Callable[[str], None],
-) -> tuple[Search, Beside]:
-    """What is found in ``seen``, and meanwhile, as a search leaves half a core idle, what needs no more of it than the
-    base parameters of a model without effects."""
+) -> tuple[Search, Meanwhile]:
+    """What is found in ``seen``, and what ``work`` makes meanwhile, as a search leaves half a core idle: it needs the
+    base parameters of a model without effects alone."""
     say("what the log suggests")
     shooting = Shooting(arm, seen)
     words, none = first_look(shooting)
     with ThreadPoolExecutor(1) as aside:
-        meanwhile = aside.submit(beside, hypothetical(none, ()))
+        meanwhile = aside.submit(work, hypothetical(none, ()))
         del none
         return with_springs(robot, arm, seen, window, search(shooting, words, say), say), meanwhile.result()
 

@@ -91,7 +91,7 @@ def known(decision: Decision) -> Decision:
 
 def outsized(content: dict[str, Any]) -> bool:
     """Whether a verdict, as diagnosis.json has it, has an effect whose size is at an end of what it may be: it would be
-    more than any that is known."""
+    more, or less, than any that is known."""
     causes = (one for one in content["causes"] if f"{one['effect']}@{one['joint']}" in content["verdict"])
     sizes = (q for cause in causes for q in cause["parameters"].values() if q["std"] is not None)  # a shape has none
     return any(q["end"] for q in sizes)
