@@ -36,7 +36,7 @@ from hdagen.together import together
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
-Meanwhile = tuple[Replay, Replay, Portion]  # the robot file's replay, the flexible correction's, what of them is compared
+Meanwhile = tuple[Replay, Replay, Portion]  # the robot file's replay, the flexible correction's, what is compared
 Told = tuple[Decision, dict[str, Any], Arm, Replay]  # what is said, diagnosis.json of it, the model and its replay
 BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 
