@@ -183,7 +183,7 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
         found += known[:1]
     if len(set(found)) < len(found):
         problems.append(f"--separate {','.join(separate)}: names the same effect twice; name two that differ.")
-    elif len(separate) == 1:
+    elif len(separate) == 1 and found:
         problems.append(f"--separate {separate[0]}: one effect alone; name two or more, or none for every pair.")
     if problems:
         raise PlantError("\n".join(problems))

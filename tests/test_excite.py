@@ -246,6 +246,7 @@ REFUSED = {
         ["--separate", "stribeck,payload"],
         "no such effect (did you mean stribeck_friction@1?); there are asymmetric_friction@1",
     ),
+    "misspelt alone": (["--separate", "stribeck"], "no such effect (did you mean stribeck_friction@1?)"),
     "twice": (["--separate", "payload,payload@1"], "same effect twice"),
     "one alone": (["--separate", "payload"], "one effect alone"),
     "no joint": (["--joint", "3"], "the robot has joints 1 to 1"),
