@@ -64,7 +64,7 @@ def _gap(content: dict[str, Any]) -> Section:
         value_label="replay error in multiples of noise",
         levels=[(gap["floor"], "floor: noise alone")],
         log=True,
-        caption="Flexible correction: regressions without any structure, fitted to the same data."
+        caption="Flexible correction: base parameters refitted, then regressions without structure, on the same data."
         if gap["achievable"] is not None
         else "",
     )
