@@ -112,7 +112,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
             "held_out": BLOCKS,
             "notes": ["a note <b>"],
             "warnings": ["a warning"],
-            "repaired": ["a repair"],
+            "repaired": [{"log": "log.csv", "name": "wrap", "joint": 1, "what": "a repair"}],
             "missing": ["joint_torque_1 is not logged"],
             "channels": {"motor_position_1": {"low": -1.0, "high": 1.0, "noise": 1e-3, "step": 0.0}},
             "lags": {"motor_current_1": 1e-3},

@@ -88,10 +88,13 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     alone = sure(arm, seen)
 
     def told(decided: Decision) -> Told:
-        decided = beside(decided, alone)
-        content = findings(found, decided)
-        arm = decided.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
-        return decided, content, *stands(plain, arm, content, before, held_out, flexible, counted)
+        for one in dict.fromkeys((beside(decided, alone), decided)):  # what was read off is withdrawn first
+            content = findings(found, one)
+            arm = one.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
+            changed, after = stands(plain, arm, content, before, held_out, flexible, counted)
+            if content["verdict"] == list(one.verdict):
+                break
+        return one, content, changed, after
 
     def instead(strange: Decision) -> Decision | None:  # known effects alone, where the held-out motion bears that out
         if not (without_it := known(strange)).verdict:

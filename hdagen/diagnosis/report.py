@@ -335,8 +335,8 @@ def _data(content: dict[str, Any]) -> Section:
     beside = f"jitter {1e6 * jitter:.2g} µs, {100 * jitter * data['rate']:.2g} % of a period"
     lost = f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, {beside}"
     said = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {lost}."]
+    said += [f"Repaired: {one['what']}" for one in data.get("repaired", ())]
     for heading, key in (
-        ("Repaired", "repaired"),
         ("Not logged", "missing"),
         ("Warnings", "warnings"),
         ("Noticed", "noticed"),
