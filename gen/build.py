@@ -142,23 +142,25 @@ def build(
 
 
 def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Library, tuple[Effect, ...], Examination]:
-    """Everything to be emitted, the effects in them, and whether the robot's step carries them.
+    """Everything to be emitted, the effects in them, and whether the robot's step carries them; of
+    `missing_compliance@2` the spring of joint 2 alone, of `missing_compliance` those of all rigid drives.
 
     Raises BuildError where there is no such effect, RobotError where the parameters give no model.
     """
     from gen import stability  # casadi, which an intact build does not need
-    from gen.compliant import compliant
+    from gen.compliant import compliant, springs
     from gen.effects import ALL, NOMINAL
     from gen.library import library
     from gen.model import Model
 
+    sprung, extra = springs(extra, len(robot.joints))
     unknown = set(extra) - {effect.name for effect in ALL}
     if unknown:
         names = [effect.name for effect in ALL]
         found = ", ".join(f"{named(name)}{nearest(name, names)}" for name in sorted(unknown))
         raise BuildError(f"--effects: found {found}, possible are {', '.join(names)}; choose of these.")
     wanted = {stated.name for stated in robot.effects} | set(extra)
-    robot = compliant(robot, "missing_compliance" in extra)
+    robot = compliant(robot, sprung)
     chosen = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
     try:
         applies = Model(robot, NOMINAL).applies

@@ -129,13 +129,12 @@ def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
     mapped = f" --columns {shlex.quote(str(options.columns))}" if options.columns else ""
     held = f" --hold-out {shlex.join(map(str, options.hold_out))}" if options.hold_out else ""
     motion = shlex.quote(str((options.hold_out or options.logs)[0]))
-    digest = content["robot"].get("sha256")
+    digest = content["robot"]["identity"]
     return (
         f"    hdagen diagnose {robot} {shlex.join(map(str, options.logs))}{held}{mapped}\n"
         f"    hdagen replay {robot} {motion}{mapped} --with diagnosis.json --out predicted.parquet\n"
         f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
-        + (f"The robot file's SHA-256 is {digest}. " if digest else "")
-        + "The same input gives the same diagnosis."
+        f"The robot's identity, of its numbers alone, is {digest}. The same input gives the same diagnosis."
     )
 
 

@@ -55,6 +55,13 @@ def folder_of(
     return Path(_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
 
 
+def mended(robot: Path) -> tuple[float, tuple[float, ...]]:
+    """The step, s, and the widths of smooth friction by joint, rad/s, with which a robot.toml can be built: its own where
+    those will do. Raises PlantError where anything else is wrong with the file."""
+    said = json.loads("\n".join(_gen("mend", "--", os.fspath(robot))))
+    return said["step"], tuple(said["friction_smoothing"])
+
+
 def _gen(*arguments: str) -> list[str]:
     """What `python -m gen` prints, by a child process; what it says of a build goes on to people. Raises PlantError."""
     command = [sys.executable, "-P", "-m", "gen", *arguments]

@@ -505,7 +505,7 @@ def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) ->
 
 
 def test_a_parameter_that_the_data_say_nothing_of_is_marked(arm: Arm, tmp_path: Path) -> None:
-    all_ = seen(arm, {"cable_spring@2": {"cable_stiffness": 10.0}}, base={"mass_2": 1.02})
+    all_ = seen(arm, {"cable_spring@2": {"cable_stiffness": 10.0}}, base={"mass_2": 2.502})
     q = arm.parameters.described["mass_2"]
     all_[1]["parameters"]["mass_2"]["std"] = q.tolerance * q.nominal
     page = write(all_, arm, tmp_path / "report.html")

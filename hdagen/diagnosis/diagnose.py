@@ -28,6 +28,7 @@ from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
+from hdagen.identity import identity
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
 from hdagen.repair import prepared
@@ -122,7 +123,11 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     sight = look(changed, content, held_out.log, before, after)
     content["where"] = where(sight, content, held_out.rows)
     content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
-    content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
+    content["robot"] = {
+        "name": plain.robot["name"],
+        "identity": identity(plain.robot),
+        "sha256": _digest(robot),
+    }
     content["data"] = _data(logs, hold_out, before) | of_data
     return Diagnosis(found, decision, content, before, after, held_out, sight)
 
