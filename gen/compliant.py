@@ -20,18 +20,17 @@ ROOM = 2.0  # times the width of smooth friction that the step just carries
 
 
 def springs(extra: tuple[str, ...], n: int) -> tuple[frozenset[int], tuple[str, ...]]:
-    """Of effects to add to a robot of ``n`` joints: the joints whose rigid drives get a spring (``missing_compliance@2``
-    says one, ``missing_compliance`` all), and the names without a joint."""
+    """Of effects to add to a robot of ``n`` joints: the joints whose rigid drives get a spring, of which
+    ``missing_compliance@2`` says one and ``missing_compliance`` all; and the names without a joint."""
     everywhere = frozenset(range(1, n + 1))
     of = {f"{EFFECT.name}@{j}": frozenset({j}) for j in everywhere} | {EFFECT.name: everywhere}
-    return frozenset[int]().union(*(of[e] for e in extra if e in of)), tuple(
-        EFFECT.name if e in of else e for e in extra
-    )
+    sprung = frozenset[int]().union(*(of[name] for name in extra if name in of))
+    return sprung, tuple(EFFECT.name if name in of else name for name in extra)
 
 
 def compliant(robot: Robot, given: Collection[int]) -> Robot:
-    """``robot`` with springs in the rigid drives that state the effect, and in those of the joints ``given`` that have a
-    rotor to turn."""
+    """``robot`` with springs in the rigid drives that state the effect, and in those of the joints ``given`` that have
+    a rotor to turn."""
     stated = {effect.joint: effect.parameters for effect in robot.effects if effect.name == EFFECT.name}
     joints = list(robot.joints)
     for j, joint in enumerate(joints, 1):

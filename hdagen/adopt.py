@@ -84,21 +84,21 @@ def adopt(
         _write(Path(out), file.text())
     notes = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
     notes += [
-        f"{change.where}: {change.before:.6g} {change.unit} does not carry the corrected model, {change.after:.6g} does; "
-        "this is of the integration, and the robot is the same."
+        f"{change.where}: {change.before:.6g} {change.unit} does not carry the corrected model, {change.after:.6g} "
+        "does; this is of the integration, and the robot is the same."
         for change in further
     ]
     if not changes:
         notes.append("The diagnosis changes nothing: what is written is the robot file as it was.")
     text = file.text().decode("utf-8-sig")
-    lines = (one.splitlines() for one in (raw.decode("utf-8-sig"), text))
-    difference = difflib.unified_diff(*lines, str(robot), str(out or "as it would be"), lineterm="")
+    before = raw.decode("utf-8-sig").splitlines()
+    difference = difflib.unified_diff(before, text.splitlines(), str(robot), str(out or "corrected"), lineterm="")
     return Adopted(text, (*changes, *further), tuple(notes), tuple(difference))
 
 
 def _built(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Arm, list[Change]]:
-    """The model of ``candidate``, which holds ``file``; and what had to be changed in both, as the step or the smoothing
-    of friction of the robot file of ``arm`` does not carry it. Raises PlantError."""
+    """The model of ``candidate``, which holds ``file``; and what had to be changed in both, as the step or the
+    smoothing of friction of the robot file of ``arm`` does not carry it. Raises PlantError."""
     try:
         return load(candidate, profile), []
     except PlantError:

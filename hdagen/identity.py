@@ -23,6 +23,10 @@ def identity(robot: Mapping[str, Any]) -> str:
 
     Args:
         robot: its complete description, as a build's manifest has it (`Arm.robot`).
+
+    Returns:
+        64 characters.
+
     """
     joints = [{key: joint[key] for key in _LINK} for joint in robot["joints"]]
     for joint in joints:

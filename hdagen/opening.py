@@ -56,8 +56,8 @@ def folder_of(
 
 
 def mended(robot: Path) -> tuple[float, tuple[float, ...]]:
-    """The step, s, and the widths of smooth friction by joint, rad/s, with which a robot.toml can be built: its own where
-    those will do. Raises PlantError where anything else is wrong with the file."""
+    """The step, s, and the widths of smooth friction by joint, rad/s, with which a robot.toml can be built: its own
+    where those will do. Raises PlantError where anything else is wrong with the file."""
     said = json.loads("\n".join(_gen("mend", "--", os.fspath(robot))))
     return said["step"], tuple(said["friction_smoothing"])
 

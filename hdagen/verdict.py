@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from hdagen.identity import identity
 from hdagen.plant import Arm, PlantError, load
@@ -207,8 +207,8 @@ def _same(robot: str | Path, arm: Arm, source: str, diagnosed: Diagnosed) -> Non
         )
     if diagnosed.identity is not None:
         raise PlantError(
-            f"{source}: {robot} is not the robot that was diagnosed, or has changed since: its gravity, a link, a drive "
-            "or an effect has another number or tolerance; name the file as it was, or diagnose again."
+            f"{source}: {robot} is not the robot that was diagnosed, or has changed since: its gravity, a link, a "
+            "drive or an effect has another number or tolerance; name the file as it was, or diagnose again."
         )
     file = Path(robot)
     if file.is_file() and diagnosed.sha256 != hashlib.sha256(file.read_bytes()).hexdigest():
@@ -299,13 +299,12 @@ def _widths(parameters: Mapping[str, Any]) -> dict[str, tuple[float, float | Non
     for name, entry in parameters.items():
         std, prior = (entry.get(key) if isinstance(entry, Mapping) else None for key in ("std", "prior"))
         if _is_width(std):
-            found[name] = float(std), float(prior) if _is_width(prior) else None
+            found[name] = std, prior if _is_width(prior) else None
     return found
 
 
-def _is_width(value: Any) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and _finite(value) and value >= 0
+def _is_width(value: Any) -> TypeGuard[float]:
+    return not isinstance(value, bool) and isinstance(value, int | float) and _finite(value) and value >= 0
 
 
 def _finite(value: float) -> bool:

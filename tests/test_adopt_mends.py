@@ -1,4 +1,4 @@
-"""What a fit finds the new file holds: adopt mends step, smoothing and rounding, and never ends in a refusal for them."""
+"""What a fit finds the new file holds: adopt mends step, smoothing and rounding, and does not refuse for them."""
 
 from __future__ import annotations
 

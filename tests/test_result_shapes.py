@@ -1,5 +1,5 @@
-"""Whatever a diagnosis finds, its sentences, pages and JSON are written: nothing named, all withdrawn, what was read off
-alone, no held-out interval, one channel, a joint that never moves."""
+"""Whatever a diagnosis finds, its sentences, pages and JSON are written: nothing named, all withdrawn, what was read
+off alone, no held-out interval, one channel, a joint that never moves."""
 
 from __future__ import annotations
 

@@ -259,10 +259,11 @@ def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float 
     if q is None:
         return [name, None, None, estimate["value"], std, unit, None, "–"]
     prior = estimate.get("prior") or q.tolerance * abs(q.nominal) or (q.typical or None)
-    told = None if std is None or not prior else std / prior
-    if told is None:
+    told = None
+    if std is None or not prior:
         said = "no width" if std is None else "–"
     else:
+        told = std / prior
         kept = silent(estimate["value"] - q.nominal, std, prior)
         said = "much" if told < MUCH else "nothing" if kept else "a little"
     end = "; at the end of its range" if estimate["end"] else ""
