@@ -7,7 +7,6 @@ in its place, and a model whose parameters are not the ones meant is refused.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hdagen import verdict
+from hdagen.input_file import InputFileError, read_bytes
 from hdagen.plant import Arm, PlantError, load
 from hdagen.robot_file import RobotFile
 from hdagen.whole import whole
@@ -55,7 +55,7 @@ def adopt(
     raw = _read(robot)
     _writable(out, force)
     stated = verdict.read(diagnosis)
-    content = json.loads(Path(diagnosis).read_bytes())
+    content = verdict.read_content(Path(diagnosis))
     arm = verdict.with_effects(robot, profile, stated)
     wanted, notes = verdict.applied(arm, stated)
     file = RobotFile(raw, arm)
@@ -77,17 +77,10 @@ def adopt(
 
 def _read(robot: Path) -> bytes:
     """The robot file. Raises PlantError."""
-    possible = "possible is a robot.toml; for a preset take a copy of its file"
     try:
-        if not robot.is_file():
-            raise PlantError(f"{robot}: found no such file, {possible}.")
-        with robot.open("rb") as stream:
-            raw = stream.read(_LARGEST + 1)
-    except (OSError, ValueError) as error:
-        raise PlantError(f"{robot}: cannot be read ({getattr(error, 'strerror', error)}), {possible}.") from None
-    if len(raw) > _LARGEST:
-        raise PlantError(f"{robot}: found more than {_LARGEST} bytes, {possible}, which is far smaller.")
-    return raw
+        return read_bytes(robot, _LARGEST, "name a robot.toml; of a preset, a copy of its file")
+    except InputFileError as error:
+        raise PlantError(error) from None
 
 
 def _writable(out: Path, force: bool) -> None:
