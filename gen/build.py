@@ -10,7 +10,6 @@ import os
 import platform
 import shutil
 import sys
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -21,7 +20,8 @@ from gen import compile as compiler
 from gen.entry import named, nearest
 from gen.mpc.structure import Structure, StructureError, fitting
 from gen.presets import presets
-from gen.robot import LARGEST, Robot, RobotError, load
+from gen.robot import Robot, RobotError, labelled, load
+from gen.robot_text import parse_robot, read_robot
 from gen.rules import slug
 
 if TYPE_CHECKING:
@@ -78,25 +78,11 @@ def place(
     source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
 ) -> tuple[Path, str, bytes]:
     """The folder of a build, its hash, and the robot file as read. Raises RobotError, CompileError, BuildError."""
-    path = presets().get(source, Path(source))
-    try:
-        content = path.read_bytes() if path.is_file() and path.stat().st_size <= LARGEST else None
-    except (OSError, ValueError):
-        content = None
-    if content is None:
-        load(source)  # says what is wrong
-        raise BuildError(f"{source}: the file changed while it was read; build again.")
+    label = labelled(source)
+    content = read_robot(presets().get(source, Path(source)), label)
+    stated = parse_robot(content, label).get("name")
     name = key(content, profile, extra, mpc)
-    return out / f"{slug(_name(content))}-{name}", name, content
-
-
-def _name(content: bytes) -> str:
-    """The label in a robot file; "arm" where it has none, which the full check of the file speaks of."""
-    try:
-        name = tomllib.loads(content.decode("utf-8-sig")).get("name")
-    except (ValueError, RecursionError):
-        name = None
-    return name if isinstance(name, str) else "arm"
+    return out / f"{slug(stated if isinstance(stated, str) else 'arm')}-{name}", name, content
 
 
 def build(

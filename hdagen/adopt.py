@@ -9,7 +9,6 @@ new file is built before it is put in its place, and a model whose parameters ar
 from __future__ import annotations
 
 import difflib
-import json
 import math
 import tempfile
 from collections.abc import Mapping
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hdagen import verdict
+from hdagen.input_file import InputFileError, read_bytes
 from hdagen.opening import mended
 from hdagen.plant import Arm, PlantError, load
 from hdagen.robot_file import SPRINGS, Place, RobotFile
@@ -63,7 +63,7 @@ def adopt(
     if out is not None:
         _writable(Path(out), force)
     stated = verdict.read(diagnosis)
-    content = json.loads(Path(diagnosis).read_bytes())
+    content = verdict.read_content(Path(diagnosis))
     arm = verdict.with_effects(robot, profile, stated)
     wanted, notes = verdict.applied(arm, stated)
     file = RobotFile(raw, arm)
@@ -133,17 +133,10 @@ def _write(out: Path, text: bytes) -> None:
 
 def _read(robot: Path) -> bytes:
     """The robot file. Raises PlantError."""
-    possible = "possible is a robot.toml; for a preset take a copy of its file"
     try:
-        if not robot.is_file():
-            raise PlantError(f"{robot}: found no such file, {possible}.")
-        with robot.open("rb") as stream:
-            raw = stream.read(_LARGEST + 1)
-    except (OSError, ValueError) as error:
-        raise PlantError(f"{robot}: cannot be read ({getattr(error, 'strerror', error)}), {possible}.") from None
-    if len(raw) > _LARGEST:
-        raise PlantError(f"{robot}: found more than {_LARGEST} bytes, {possible}, which is far smaller.")
-    return raw
+        return read_bytes(robot, _LARGEST, "name a robot.toml; of a preset, a copy of its file")
+    except InputFileError as error:
+        raise PlantError(error) from None
 
 
 def _writable(out: Path, force: bool) -> None:

@@ -102,16 +102,15 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.memory import kept
     from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.sentences import sentence
-    from hdagen.log import LogError, read
+    from hdagen.log import check_log, read
 
+    for path in (*options.logs, *(options.hold_out or ())):
+        check_log(path)
     with _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
-        try:
-            logs, held = (
-                [read(path, columns=options.columns, holes=True) for path in paths or ()]
-                for paths in (options.logs, options.hold_out)
-            )
-        except OSError as error:
-            raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
+        logs, held = (
+            [read(path, columns=options.columns, holes=True) for path in paths or ()]
+            for paths in (options.logs, options.hold_out)
+        )
         say = Progress()
         kept()
         found = diagnose(options.robot, logs, held, say)

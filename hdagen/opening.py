@@ -14,13 +14,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
+from hdagen.names import printable
+
 SCHEMA = 1
 PROFILES = ("portable", "native")
 LONGEST = 4096  # bytes of a path
+MOST_LINES = 200  # of what is said
 
 
 class PlantError(Exception):
-    """A build that cannot be made, loaded or called; one sentence a problem."""
+    """A build that cannot be made, loaded or called; one printable line a problem, of very many the first."""
+
+    def __init__(self, text: object) -> None:
+        lines = str(text).split("\n")
+        more = [f"{len(lines) - MOST_LINES} more are not listed: mend these first."] if len(lines) > MOST_LINES else []
+        super().__init__("\n".join([*(printable(line.expandtabs()) for line in lines[:MOST_LINES]), *more]))
 
 
 class Structured(Protocol):

@@ -67,23 +67,20 @@ def run(options: argparse.Namespace) -> int:
     """Replay, write, print."""
     from hdagen import verdict
     from hdagen.closed_loop import closed_loop, read_controller
-    from hdagen.log import ColumnsError, LogError, read, write
+    from hdagen.log import LogError, read, write
     from hdagen.plant import PlantError, load
-    from hdagen.replay import WINDOW, replay
+    from hdagen.replay import WINDOW, check, replay
 
     problems = _conflicts(options)
     if problems:
         raise PlantError("\n".join(problems))
     stated = verdict.read(options.with_) if options.with_ else None
     laws = read_controller(options.closed_loop) if options.closed_loop else None
+    measured = read(options.log, options.columns)  # before a model is compiled, which takes its time
     arm = (
         verdict.with_effects(options.robot, options.profile, stated) if stated else load(options.robot, options.profile)
     )
-    try:
-        measured = read(options.log, options.columns, arm.n)
-    except ColumnsError as error:
-        print(error, file=sys.stderr)
-        return USAGE
+    check(arm, measured)
     notes, refusals = look(arm, measured)
     if refusals:
         print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)

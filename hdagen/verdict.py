@@ -4,7 +4,6 @@ them."""
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -13,6 +12,8 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from hdagen.identity import identity
+from hdagen.input_file import InputFileError, read_json
+from hdagen.names import printable, shown, shown_path
 from hdagen.plant import Arm, PlantError, load
 
 SCHEMA = 1
@@ -22,8 +23,9 @@ REACH = 3.0  # standard deviations of its tolerance that a base parameter may mo
 LEVEL = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
 COMPLIANCE = "missing_compliance"  # the effect that changes what a drive is made of
 _ROUNDING = 1e-6  # of a range, by which a number may lie beyond its ends without a word
-_LARGEST = 10_000_000  # bytes of a file
-_EFFECT = re.compile(r"([a-z][a-z0-9_]{0,47})@([0-9]{1,2})")
+LARGEST = 10_000_000  # bytes of a file
+_MOST = 200  # effects of a verdict
+_EFFECT = re.compile(r"([a-z][a-z0-9_]{0,47})@(0|[1-9][0-9]?)")
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
@@ -67,24 +69,27 @@ class Verdict:
 
 def read(given: str | Path | Mapping[str, Any]) -> Verdict:
     """A diagnosis.json, or what it holds. Raises PlantError with every problem."""
-    source = "diagnosis" if isinstance(given, Mapping) else str(given)
-    content = given if isinstance(given, Mapping) else _load(Path(given))
+    source = "diagnosis" if isinstance(given, Mapping) else shown_path(given)
+    content = given if isinstance(given, Mapping) else read_content(Path(given))
     if type(content.get("schema")) is not int or content["schema"] != SCHEMA:
-        found = _short(content.get("schema"))
+        found = shown(content.get("schema"))
         raise PlantError(f"{source}: schema is {found}, possible is {SCHEMA}: diagnose again with this version.")
     problems: list[str] = []
     causes = _causes(content, source, problems)
     stated = content.get("verdict")
     if not isinstance(stated, list):
-        problems.append(f"{source}, verdict: found {_short(stated)}, possible is a list of effects as name@joint.")
+        problems.append(f"{source}, verdict: found {shown(stated)}, possible is a list of effects as name@joint.")
+        stated = []
+    elif len(stated) > _MOST:
+        problems.append(f"{source}, verdict: found {len(stated)} effects, possible are {_MOST}; diagnose again.")
         stated = []
     effects, unknown = [], []
-    for entry in stated:
+    for k, entry in enumerate(stated):
         match = _EFFECT.fullmatch(entry) if isinstance(entry, str) else None
         if not match:
-            problems.append(
-                f"{source}, verdict: found {_short(entry)}, possible is name@joint, as stribeck_friction@2."
-            )
+            problems.append(f"{source}, verdict: found {shown(entry)}, possible is name@joint, as stribeck_friction@2.")
+        elif stated.index(entry) < k:
+            problems.append(f"{source}, verdict: {entry} stands there twice; diagnose again.")
         elif match[1] == "unknown":
             unknown.append(int(match[2]))
         elif not causes.get((match[1], int(match[2]))):
@@ -232,19 +237,18 @@ def _absent(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
     )
 
 
-def _load(path: Path) -> Mapping[str, Any]:
-    """The file as JSON reads it. Raises PlantError."""
+def read_content(path: Path) -> Mapping[str, Any]:
+    """What a diagnosis.json holds: an object whose numbers are all finite. Raises PlantError."""
     try:
-        if path.stat().st_size > _LARGEST:
-            raise PlantError(f"{path}: larger than {_LARGEST} bytes, no diagnosis is; name a diagnosis.json.")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        why = getattr(error, "strerror", None) or str(error)[:200]
-        raise PlantError(f"{path}: cannot be read as JSON ({why}); name what hdagen diagnose wrote.") from None
+        content = read_json(path, LARGEST, "name a diagnosis.json that hdagen diagnose wrote")
+    except InputFileError as error:
+        raise PlantError(error) from None
     if not isinstance(content, dict):
-        raise PlantError(f"{path}: found {_short(content)}, possible is a JSON object; name a diagnosis.json.")
+        raise PlantError(
+            f"{shown_path(path)}: found {shown(content)}, possible is a JSON object; name a diagnosis.json."
+        )
     if (where := next(_infinite(content), None)) is not None:
-        raise PlantError(f"{path}{where:.200}")
+        raise PlantError(f"{shown_path(path)}{printable(where):.200}")
     return content
 
 
@@ -257,19 +261,22 @@ def _infinite(content: Mapping[str, Any]) -> Iterator[str]:
             left += [(f"{where}, {name}", entry) for name, entry in value.items()]
         elif isinstance(value, list):
             left += [(f"{where}[{k}]", entry) for k, entry in enumerate(value)]
-        elif isinstance(value, float) and not math.isfinite(value):
-            yield f"{where}: found {value}, possible is a finite number; diagnose again."
+        elif isinstance(value, int | float) and not _finite(value):
+            yield f"{where}: found {shown(value)}, possible is a finite number; diagnose again."
 
 
 def _causes(content: Mapping[str, Any], source: str, problems: list[str]) -> dict[tuple[str, int], Any]:
     """Parameters of every cause by effect and joint."""
     causes = content.get("causes", [])
     found = {}
-    for k, cause in enumerate(causes if isinstance(causes, list) else [causes]):
+    if not isinstance(causes, list):
+        problems.append(f"{source}, causes: found {shown(causes)}, possible is a list of objects; diagnose again.")
+        return found
+    for k, cause in enumerate(causes):
         whole = isinstance(cause, Mapping) and isinstance(cause.get("effect"), str)
         if not whole or type(cause.get("joint")) is not int:
             problems.append(
-                f"{source}, causes[{k}]: found {_short(cause)}, possible is an object with effect and joint."
+                f"{source}, causes[{k}]: found {shown(cause)}, possible is an object with effect and joint."
             )
         else:
             found[cause["effect"], cause["joint"]] = cause.get("parameters")
@@ -279,15 +286,15 @@ def _causes(content: Mapping[str, Any], source: str, problems: list[str]) -> dic
 def _numbers(values: Any, where: str, suffix: str, problems: list[str]) -> dict[str, float]:
     """``{name: {value, …}}`` or ``{name: number}`` as numbers by the model's names."""
     if not isinstance(values, Mapping):
-        problems.append(f"{where}: found {_short(values)}, possible is an object of parameters.")
+        problems.append(f"{where}: found {shown(values)}, possible is an object of parameters.")
         return {}
     found = {}
     for name, entry in values.items():
         value = entry.get("value") if isinstance(entry, Mapping) else entry
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            problems.append(f"{where}: {_short(name)} is no name of a parameter.")
+            problems.append(f"{where}: {shown(name)} is no name of a parameter.")
         elif isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value):
-            problems.append(f"{where}, {name}: found {_short(value)}, possible is a finite number; diagnose again.")
+            problems.append(f"{where}, {name}: found {shown(value)}, possible is a finite number; diagnose again.")
         else:
             found[name + suffix] = float(value)
     return found
@@ -312,8 +319,3 @@ def _finite(value: float) -> bool:
         return math.isfinite(value)
     except OverflowError:  # a whole number beyond the doubles
         return False
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
