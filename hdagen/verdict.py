@@ -52,7 +52,7 @@ class Verdict:
 def read(given: str | Path | Mapping[str, Any]) -> Verdict:
     """A diagnosis.json, or what it holds. Raises PlantError with every problem."""
     source = "diagnosis" if isinstance(given, Mapping) else str(given)
-    content = given if isinstance(given, Mapping) else _load(Path(given))
+    content = given if isinstance(given, Mapping) else load_content(Path(given))
     if type(content.get("schema")) is not int or content["schema"] != SCHEMA:
         found = _short(content.get("schema"))
         raise PlantError(f"{source}: schema is {found}, possible is {SCHEMA}: diagnose again with this version.")
@@ -177,8 +177,8 @@ def _absent(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
     return tuple(sorted({e.name for e in verdict.effects if e.name not in present and set(e.parameters) - known}))
 
 
-def _load(path: Path) -> Mapping[str, Any]:
-    """The file as JSON reads it. Raises PlantError."""
+def load_content(path: Path) -> Mapping[str, Any]:
+    """A diagnosis.json as JSON reads it. Raises PlantError."""
     try:
         if path.stat().st_size > _LARGEST:
             raise PlantError(f"{path}: larger than {_LARGEST} bytes, no diagnosis is; name a diagnosis.json.")
