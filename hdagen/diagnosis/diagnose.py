@@ -71,8 +71,8 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     plain, arm = together(lambda build: load(robot, *build), [("portable", ()), ("native", ("all",))])
     for log in (*logs, *hold_out):
         check(plain, log)
-    logs, hold_out, of_data = prepared(plain, logs, hold_out)
-    shown, held_out = parted(logs, hold_out)
+    logs, hold_out, fresh, of_data = prepared(plain, logs, hold_out)
+    shown, held_out = parted(logs, hold_out, fresh)
     window = max(WINDOW, FEWEST * shown.log.period)
     seen = record(arm, shown, window)
 
