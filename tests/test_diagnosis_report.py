@@ -144,7 +144,14 @@ def seen(
         for name in before.errors
         if before.noise[name]
     }
-    said["gap"] = {"before": before.gap, "after": after.gap, "floor": 1.0, "achievable": 1.1, "shrink": 0.95}
+    said["gap"] = {
+        "before": before.gap,
+        "after": after.gap,
+        "floor": 1.0,
+        "flexible": 1.2,
+        "achievable": 1.1,
+        "shrink": 0.95,
+    }
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
     sight = look(arm, said, log, before, after)
     said["where"] = where(sight, said, np.ones(len(sight.log), bool))

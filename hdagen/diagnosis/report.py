@@ -56,17 +56,18 @@ def _gap(content: dict[str, Any]) -> Section:
     gap = content["gap"]
     channels = gap["by_channel"]
     names, values = ["before", "after"], [gap["before"], gap["after"]]
-    if gap["achievable"] is not None:
-        names, values = [*names, "flexible correction"], [*values, gap["achievable"]]
+    if gap["flexible"] is not None:
+        names, values = [*names, "flexible correction"], [*values, gap["flexible"]]
     whole = bars(
         "Gap on held-out motion",
         names,
         [Bars("", values)],
         value_label="replay error in multiples of noise",
-        levels=[(gap["floor"], "floor: noise alone")],
+        levels=_levels(gap),
         log=True,
-        caption="Flexible correction: base parameters refitted, then regressions without structure, on the same data."
-        if gap["achievable"] is not None
+        caption="Flexible correction: base parameters refitted, then regressions without structure as far as they "
+        "close more, on the same data."
+        if gap["flexible"] is not None
         else "",
     )
     by = bars(
@@ -82,6 +83,11 @@ def _gap(content: dict[str, Any]) -> Section:
         f"the geometric mean. Held out: {content['data']['held_out']}."
     )
     return Section("The gap", text, [whole, by, *_tolerated(content)])
+
+
+def _levels(gap: dict[str, Any]) -> list[tuple[float, str]]:
+    """What bounds a gap: noise, and the least that anything fitted leaves."""
+    return [(gap["floor"], "noise alone"), (gap["achievable"], "best of all that was fitted")]
 
 
 def _tolerated(content: dict[str, Any]) -> list[str]:
@@ -174,15 +180,12 @@ def _ladder(content: dict[str, Any]) -> str:
     """What the leading hypotheses leave on held-out motion."""
     gap, rungs = content["gap"], content["ladder"]
     low, high = zip(*(one["interval"] or (float("nan"), float("nan")) for one in rungs), strict=True)
-    levels = [(gap["floor"], "noise alone")]
-    if gap["achievable"] is not None:
-        levels.append((gap["achievable"], "flexible correction"))
     return bars(
         "Candidates on held-out motion",
         [_rung(one) for one in rungs],
         [Bars("", [one["gap"] for one in rungs], (low, high))],
         value_label="replay error in multiples of noise",
-        levels=levels,
+        levels=_levels(gap),
         log=True,
         caption="What each leaves where no fit saw the motion, with base parameters of its own within their "
         "tolerance; 95 % by drawing blocks of windows anew.",

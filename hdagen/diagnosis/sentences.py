@@ -40,9 +40,7 @@ def sentence(content: dict[str, Any]) -> str:
         interval = gap["interval"]
         spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
         line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
-    if gap["achievable"] is not None:
-        line += _beside(gap)
-    return f"{line}.{_ends(content)}{_more(content)}"
+    return f"{line}{_beside(gap)}.{_ends(content)}{_more(content)}"
 
 
 def _times(multiples: float) -> str:
@@ -105,14 +103,15 @@ def _though(doubted: dict[str, Any] | None) -> str:
 
 
 def _beside(gap: dict[str, Any]) -> str:
-    """The verdict beside a flexible correction."""
-    before, after, flexible = gap["before"], gap["after"], gap["achievable"]
-    if flexible >= before:
-        return "; a flexible correction without structure closes nothing"
-    reached = f"; a flexible correction without structure brings it to {_times(flexible)}"
-    if after <= flexible:
-        return reached
-    return f"{reached}; the verdict closes {100 * (before - after) / (before - flexible):.0f} % of what that does"
+    """The verdict beside the best of all that was fitted."""
+    before, after, least = gap["before"], gap["after"], gap["achievable"]
+    if least >= before:
+        return "; nothing that was fitted closes more"
+    if after <= least:
+        return "; nothing else that was fitted, a flexible correction without structure included, closes more"
+    best = "the best of all that was fitted, a flexible correction without structure included"
+    share = 100 * (before - after) / (before - least)
+    return f"; {best}, brings it to {_times(least)}; the verdict closes {share:.0f} % of what that does"
 
 
 def _worst(gap: dict[str, Any]) -> str:
