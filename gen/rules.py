@@ -152,17 +152,16 @@ def _needs(raw: Mapping[str, Any], values: Values, place: str, reading: Reading)
             reading.add(path(place, name), "found beside K1 to T2 of a data sheet, possible is either; remove one")
         elif given and key.need is Need.BESIDE and not sheet:
             reading.add(path(place, name), "found without K1 to T2 of a data sheet, possible is beside them; remove it")
-        elif not given and not geared and not rigid and _asked(key, sheet):
-            reading.missing(key, place)
-        elif not given and rigid and key.need is Need.GEARED and not geared:
+        elif not given and not geared and _asked(key, rigid, sheet):
             reading.missing(key, place)
 
 
-def _asked(key: Key, sheet: bool) -> bool:
-    """Whether a drive with springs and without catalogue must have a key, with or without a data ``sheet``."""
-    if sheet:
-        return key.need in (Need.GEARED, Need.SHEET) or key.name == "hysteresis_loss"
-    return key.need in (Need.GEARED, Need.SPRING)
+def _asked(key: Key, rigid: bool, sheet: bool) -> bool:
+    """Whether a drive without catalogue, ``rigid`` or with springs by a data ``sheet`` or their own keys, must have a
+    key."""
+    if rigid or key.need is Need.GEARED:
+        return key.need is Need.GEARED
+    return key.need is Need.SHEET or key.name == "hysteresis_loss" if sheet else key.need is Need.SPRING
 
 
 def _sheet(values: Values, place: str, reading: Reading) -> None:

@@ -124,8 +124,8 @@ TABLE: tuple[Key, ...] = (
     Key(DRIVE, "rigid", Kind.FLAG, NO, "", ANY, "no springs: motor angle = ratio · joint position", False),
     Key(DRIVE, "catalogue", TEXT, FLEXIBLE, "", ANY,
         "gear that gives ratio, the four spring values and hysteresis_loss", otherwise="none",
-        choices=tuple(CATALOGUE), otherwise_do="another gear has other springs, so leave catalogue out and write ratio, "
-        "K1, K2, K3, T1, T2 and hysteresis_loss of its own data sheet"),
+        choices=tuple(CATALOGUE), otherwise_do="another gear has other springs, so leave catalogue out and write "
+        "ratio, K1, K2, K3, T1, T2 and hysteresis_loss of its own data sheet"),
     Key(DRIVE, "ratio", PARAMETER, Need.GEARED, "1", Range(1e-3, 1e5),
         "motor angle over joint position; both counted positive alike", otherwise=GEAR, exact=True, sliding="rad/m"),
     Key(DRIVE, "motor_inertia", PARAMETER, YES, "kg m²", Range(0, 10),
@@ -224,9 +224,9 @@ range are refused, all at once. A file that is not TOML in UTF-8 or is larger th
 
 `gen.robot.load` takes such a file or the name of a preset: {presets}.
 
-Gears in the catalogue: {gears}. Of any other gear the numbers of its data sheet stand in `[joint.drive]`: `ratio`, `K1`,
-`K2`, `K3`, `T1`, `T2`, `hysteresis_loss` (ψ) and, where it is known, `starting_torque`; the four springs follow from them as
-from the catalogue's.
+Gears in the catalogue: {gears}. Of any other gear the numbers of its data sheet stand in `[joint.drive]`:
+`ratio`, `K1`, `K2`, `K3`, `T1`, `T2`, `hysteresis_loss` (ψ) and, where it is known, `starting_torque`; the four springs
+follow from them as from the catalogue's.
 """
 
 
