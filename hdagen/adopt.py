@@ -17,7 +17,7 @@ from typing import Any
 from hdagen import verdict
 from hdagen.plant import Arm, PlantError, load
 from hdagen.robot_file import RobotFile
-from hdagen.whole import whole
+from hdagen.whole import open_whole
 
 _LARGEST = 1_000_000  # bytes of a robot file
 _ROUNDING = 1e-9  # a lumped inertia goes through a sum and a difference
@@ -62,8 +62,10 @@ def adopt(
     changes = _changes(file, arm, wanted, stated, _spreads(content))
     text = file.text()
     try:
-        with whole(out, text) as temporary:
-            _agrees(temporary, out, profile, wanted)
+        with open_whole(out) as new:
+            new.write(text)
+            new.flush()
+            _agrees(Path(new.name), out, profile, wanted)
     except OSError as error:
         raise PlantError(
             f"{out}: cannot be written ({error.strerror}), and what stood there is unchanged; make room or name "

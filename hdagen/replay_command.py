@@ -34,6 +34,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", help="a preset or a robot.toml")
+    p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
     p.add_argument("log", type=Path, metavar="LOG", help=".csv, .parquet or .mat")
     p.add_argument("--columns", type=Path, metavar="columns.toml", help="names, units and signs of a foreign log")
     p.add_argument(
@@ -68,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen import verdict
     from hdagen.closed_loop import closed_loop, read_controller
     from hdagen.log import ColumnsError, LogError, read, write
-    from hdagen.plant import PlantError, load
+    from hdagen.plant import Arm, PlantError, load
     from hdagen.replay import WINDOW, replay
 
     problems = _conflicts(options)
@@ -76,9 +77,12 @@ def run(options: argparse.Namespace) -> int:
         raise PlantError("\n".join(problems))
     stated = verdict.read(options.with_) if options.with_ else None
     laws = read_controller(options.closed_loop) if options.closed_loop else None
-    arm = (
-        verdict.with_effects(options.robot, options.profile, stated) if stated else load(options.robot, options.profile)
-    )
+    if options.built:
+        arm = Arm(options.robot)
+    elif stated:
+        arm = verdict.with_effects(options.robot, options.profile, stated)
+    else:
+        arm = load(options.robot, options.profile)
     try:
         measured = read(options.log, options.columns, arm.n)
     except ColumnsError as error:
@@ -110,6 +114,8 @@ def run(options: argparse.Namespace) -> int:
 def _conflicts(options: argparse.Namespace) -> list[str]:
     """What the options say that cannot be, before anything is built."""
     problems = []
+    if options.built and options.with_ is not None:
+        problems.append("--built and --with exclude each other: a verdict needs the robot file; leave one out.")
     if options.window is not None and not options.window > 0:
         problems.append(
             f"--window {options.window:g}: a window is longer than 0 s; 0.25 is usual, inf takes the log as one."
