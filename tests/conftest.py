@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -41,6 +41,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in items:
             if "campaign" in item.keywords:
                 item.add_marker(pytest.mark.skip(reason="a campaign; run it with --campaign"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A cache of the session's own for what tests build on first use; workers share it."""
+    out = tmp_path_factory.getbasetemp()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str((out.parent if "PYTEST_XDIST_WORKER" in os.environ else out) / "cache"))
+        yield
 
 
 @pytest.fixture(scope="session")

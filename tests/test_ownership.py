@@ -151,12 +151,13 @@ def test_nothing_is_built_where_it_could_not_be_loaded(tmp_path: Path) -> None:
 
 
 def test_a_folder_in_the_place_of_a_robot_is_loaded_only_where_that_is_asked_for(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    build: Callable[..., Compiled], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    folder = build("paper").folder
     with pytest.raises(PlantError, match=r"found the folder of a build, possible are a preset or a robot\.toml"):
         hdagen.load(folder)
     log = tmp_path / "log.csv"
-    wanted = ["simulate", str(folder), "--seconds", "0.1", "--controller", "position", "--out", str(log), "--json"]
+    wanted = ["simulate", str(folder), "--seconds", "1", "--controller", "position", "--out", str(log), "--json"]
     assert main(wanted) == 2
     assert "--built" in capsys.readouterr().err
     assert main([*wanted, "--built"]) == 0
