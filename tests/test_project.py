@@ -302,7 +302,7 @@ def test_the_versions_agree() -> None:
     version = PROJECT["project"]["version"]
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert hdagen.__version__ == version
-    assert re.findall(r"^## (.+)$", changelog, re.MULTILINE)[0] == version
+    assert next(name for name in re.findall(r"^## (.+)$", changelog, re.MULTILINE) if name != "Unreleased") == version
     assert citation()["version"] == version
 
 
