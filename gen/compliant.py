@@ -6,6 +6,7 @@ scales the spring's level, so that its compliance is free between the drive as b
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 from gen.description import Drive, Joint, Robot, Value
@@ -18,13 +19,23 @@ FAR = 0.1  # rad (or m) of torsion to which the law goes
 ROOM = 2.0  # times the width of smooth friction that the step just carries
 
 
-def compliant(robot: Robot, everywhere: bool) -> Robot:
-    """``robot`` with springs in the rigid drives that state the effect, or ``everywhere`` there is a rotor to turn."""
+def springs(extra: tuple[str, ...], n: int) -> tuple[frozenset[int], tuple[str, ...]]:
+    """Of effects to add to a robot of ``n`` joints: the joints whose rigid drives get a spring, of which
+    ``missing_compliance@2`` says one and ``missing_compliance`` all; and the names without a joint."""
+    everywhere = frozenset(range(1, n + 1))
+    of = {f"{EFFECT.name}@{j}": frozenset({j}) for j in everywhere} | {EFFECT.name: everywhere}
+    sprung = frozenset[int]().union(*(of[name] for name in extra if name in of))
+    return sprung, tuple(EFFECT.name if name in of else name for name in extra)
+
+
+def compliant(robot: Robot, given: Collection[int]) -> Robot:
+    """``robot`` with springs in the rigid drives that state the effect, and in those of the joints ``given`` that have
+    a rotor to turn."""
     stated = {effect.joint: effect.parameters for effect in robot.effects if effect.name == EFFECT.name}
     joints = list(robot.joints)
     for j, joint in enumerate(joints, 1):
         rotor = joint.drive.motor_inertia.nominal >= LEAST_ROTOR
-        if joint.drive.rigid and rotor and (everywhere or j in stated):
+        if joint.drive.rigid and rotor and (j in given or j in stated):
             joints[j - 1] = _flexible(joint, _compliance(stated.get(j, {})), robot.step)
     return replace(robot, joints=tuple(joints))
 

@@ -17,6 +17,8 @@ from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings, hypothetical
 from hdagen.diagnosis.first_look import first_look
 from hdagen.diagnosis.foreign import foreign
+from hdagen.diagnosis.gap import bounds, least
+from hdagen.diagnosis.held_out import name_rows
 from hdagen.diagnosis.ladder import ladder, left_by
 from hdagen.diagnosis.lasting import lasting
 from hdagen.diagnosis.missing import Sight, look
@@ -28,6 +30,7 @@ from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
+from hdagen.identity import identity
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
 from hdagen.repair import prepared
@@ -69,8 +72,8 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     plain, arm = together(lambda build: load(robot, *build), [("portable", ()), ("native", ("all",))])
     for log in (*logs, *hold_out):
         check(plain, log)
-    logs, hold_out, of_data = prepared(plain, logs, hold_out)
-    shown, held_out = parted(logs, hold_out)
+    logs, hold_out, fresh, of_data = prepared(plain, logs, hold_out)
+    shown, held_out = parted(logs, hold_out, fresh)
     window = max(WINDOW, FEWEST * shown.log.period)
     seen = record(arm, shown, window)
 
@@ -79,8 +82,9 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
 
     def without(base: verdict.Verdict) -> tuple[Replay, Replay, Portion]:
         refitted = verdict.applied(plain, base)[0]
-        before, flexible = counted(plain), corrected(refitted, shown, held_out, counted(refitted))
-        return before, flexible, held_out.without(before.guessed, before.starts)  # a guess would tell of itself
+        before, alone = counted(plain), counted(refitted)
+        held = held_out.without(before.guessed, before.starts)  # a guess would tell of itself
+        return before, least([before, alone, corrected(refitted, shown, held_out, alone)], held), held
 
     found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say)
     decision = _own(decide(found), logs)
@@ -88,10 +92,13 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     alone = sure(arm, seen)
 
     def told(decided: Decision) -> Told:
-        decided = beside(decided, alone)
-        content = findings(found, decided)
-        arm = decided.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
-        return decided, content, *stands(plain, arm, content, before, held_out, flexible, counted)
+        for one in dict.fromkeys((beside(decided, alone), decided)):  # what was read off is withdrawn first
+            content = findings(found, one)
+            arm = one.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
+            changed, after = stands(plain, arm, content, before, held_out, flexible, counted)
+            if content["verdict"] == list(one.verdict):
+                break
+        return one, content, changed, after
 
     def instead(strange: Decision) -> Decision | None:  # known effects alone, where the held-out motion bears that out
         if not (without_it := known(strange)).verdict:
@@ -114,13 +121,18 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     say("what is tolerated, and what else it may be")
     content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
     content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)
+    content["gap"] |= bounds(content["gap"], content["ladder"], content["tolerated"])
     content["causes"] = [cause | {"gap_after": left_by(cause, content["ladder"])} for cause in content["causes"]]
     say("where and when")
     sight = look(changed, content, held_out.log, before, after)
     content["where"] = where(sight, content, held_out.rows)
     content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
-    content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
-    content["data"] = _data(logs, hold_out, before) | of_data
+    content["robot"] = {
+        "name": plain.robot["name"],
+        "identity": identity(plain.robot),
+        "sha256": _digest(robot),
+    }
+    content["data"] = _data(logs, hold_out, before, held_out) | of_data
     return Diagnosis(found, decision, content, before, after, held_out, sight)
 
 
@@ -166,7 +178,7 @@ def _counted(found: Replay, seen: Record) -> Replay:
     return replace(found, noise={name: max(noise, fitted.get(name, 0.0)) for name, noise in found.noise.items()})
 
 
-def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay) -> dict[str, Any]:
+def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay, held: Portion) -> dict[str, Any]:
     notes = [note for log in logs for note in log.notes]
     if before.guessed:
         count = len(before.guessed)
@@ -176,6 +188,7 @@ def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay) -> dict[
         "rate": 1 / logs[0].period,
         "duration": sum(float(log.time[-1] - log.time[0]) for log in logs),
         "held_out": ", ".join(log.source for log in hold_out) or BLOCKS,
+        "hold_out": name_rows(held, hold_out or logs),
         "notes": list(dict.fromkeys(notes)),
     }
 
