@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from hdagen.log import Log
     from hdagen.plant import Arm, Array
     from hdagen.replay import Replay
+    from hdagen.verdict import Verdict
 
 EXAMPLE = """example:
   hdagen replay robot.toml log.parquet --out predicted.parquet
@@ -120,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _load(options: argparse.Namespace, stated: Any) -> Any:
+def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
     """The arm that is asked for: a build as it is, else a robot with the effects that a diagnosis has stated."""
     from hdagen import verdict
     from hdagen.plant import Arm, load
