@@ -46,6 +46,7 @@ def with_springs(
         p = flexible.p.copy()
         for c in own:
             p[c.index] = c.center + size * c.unit
+        p = flexible.parameters.within(p)
         at = design(shooting, words, Point(p, shooting.begun(p)))
         field.append(begun(at, words, atoms, found.fitted[0].score.at.s))
     fits = raced(at, words, field, say)

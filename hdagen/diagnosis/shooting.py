@@ -7,6 +7,9 @@ such groups in threads; the compiled rollout lets go of the interpreter.
 A lane in which an effect is there that remembers goes through all windows, others through those alone that are looked
 at; so do lanes near one of which the memory is known, as far as they change nothing that remembers.
 
+Memories that the build slows to the robot file's step are slowed to the one that is integrated with. What a lane reads
+that is no number is left as it is for whoever reads it, and counted.
+
 Legend: T rows, W windows, K windows that are looked at, of R rows, S of them looked at, M channels, L lanes that run at
 once, m positions and velocities of the state.
 """
@@ -19,6 +22,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from queue import SimpleQueue
+from threading import Lock
 
 import numpy as np
 
@@ -116,6 +120,8 @@ class Shooting:
     record: Record
     most: float = 1e-3  # s, a step of integration
     seats: SimpleQueue[Seat] = field(init=False)
+    run: int = field(init=False, default=0)  # lanes
+    failed: int = field(init=False, default=0)  # of them that read something that is no number
 
     def __post_init__(self) -> None:
         record, self.m = self.record, mechanical(self.arm)
@@ -142,12 +148,21 @@ class Shooting:
         self.staging = places(self.arm, (e for e in effects if e["place"] == "input"), *whole)
         self.remembering = places(self.arm, (e for e in effects if e["states"]), *whole)
         self.loudness = memories(self.arm)
+        self.counting = Lock()
 
     def _carried(self) -> float:
         """The step, s, that carries the springs under what the record's motion asks for; the robot file's own was
         looked at by the build, and is short enough."""
         torque = np.abs(asked(self.arm, self.record).torque)
         return self.arm.carried.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
+
+    def _at(self, p: Array) -> Arm:
+        """The arm with parameters ``p``, its memories slowed to the longest step of any lane: lanes of other steps
+        would differ by that, too."""
+        if "memory_step" in self.arm.parameters.described:
+            p = p.copy()
+            p[self.arm.parameters.place("memory_step")] = self.most
+        return self.arm.at(p)
 
     def predict(self, lane: Lane) -> Array:
         """What the channels read (S, M) in one lane."""
@@ -236,7 +251,7 @@ class Shooting:
         memory = None if remembers else np.stack([self.none if lane.memory is None else lane.memory for lane in lanes])
         jump = np.zeros((many, course.many, self.arm.nx)) if lanes[0].impulse is not None else None
         for k, lane in enumerate(lanes):
-            arm = self.arm.at(lane.p)
+            arm = self._at(lane.p)
             seat.constants[k] = arm.c
             self._drive(arm, lane, course.rows, inputs[k])
             if jump is not None and lane.impulse is not None:
@@ -268,7 +283,7 @@ class Shooting:
 
     def _read(self, lane: Lane, x: Array) -> Array:
         """What the channels read (S, M) in a lane that is in the states ``x`` (R, nx)."""
-        arm = self.arm.at(lane.p)
+        arm = self._at(lane.p)
         if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
             seen = late.positions(arm, self.path, x)
         else:
@@ -279,6 +294,9 @@ class Shooting:
         for k, (quantity, j) in enumerate(self.record.outputs):
             drives = quantity in DRIVES
             told[:, k] = acted[:, j - 1].take(self.shown) if drives else seen[quantity][:, j - 1].take(self.looked)
+        with self.counting:
+            self.run += 1
+            self.failed += not np.isfinite(told).all()
         return told
 
     @cached_property
