@@ -119,6 +119,8 @@ def _one(options: argparse.Namespace) -> int:
         _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
         report.write(found, out / "report.html", _again(options, found.content))
     print(sentence(found.content))
+    for failure in found.left_out:
+        print(failure)
     print(out / "report.html")
     return 0
 

@@ -7,8 +7,8 @@ such groups in threads; the compiled rollout lets go of the interpreter.
 A lane in which an effect is there that remembers goes through all windows, others through those alone that are looked
 at; so do lanes near one of which the memory is known, as far as they change nothing that remembers.
 
-Memories that the build slows to the robot file's step are slowed to the one that is integrated with. What a lane reads
-that is no number is left as it is for whoever reads it, and counted.
+Memories that the build slows to the robot file's step are slowed to the one that is integrated with. A lane that reads
+what is no number, or has a window that flies apart and stays where it was last within its limits, is counted as failed.
 
 Legend: T rows, W windows, K windows that are looked at, of R rows, S of them looked at, M channels, L lanes that run at
 once, m positions and velocities of the state.
@@ -28,6 +28,7 @@ import numpy as np
 
 from hdagen import late
 from hdagen.diagnosis.asked import asked
+from hdagen.diagnosis.portion import Mask
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
 from hdagen.readings import Rows, joint_angles, limits, mechanical, memories, places, unread
@@ -121,7 +122,7 @@ class Shooting:
     most: float = 1e-3  # s, a step of integration
     seats: SimpleQueue[Seat] = field(init=False)
     run: int = field(init=False, default=0)  # lanes
-    failed: int = field(init=False, default=0)  # of them that read something that is no number
+    failed: int = field(init=False, default=0)  # of them
 
     def __post_init__(self) -> None:
         record, self.m = self.record, mechanical(self.arm)
@@ -140,6 +141,7 @@ class Shooting:
         self.none = np.zeros((len(record.kept), self.arm.nx - self.m))
         self.path = late.Path(record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
+        self.moving = [k for k, name in enumerate(self.arm.state_names) if "velocity" in name]
         self.limit = limits(self.arm)
         self.gains = torque_per_input(self.arm)
         self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
@@ -294,10 +296,16 @@ class Shooting:
         for k, (quantity, j) in enumerate(self.record.outputs):
             drives = quantity in DRIVES
             told[:, k] = acted[:, j - 1].take(self.shown) if drives else seen[quantity][:, j - 1].take(self.looked)
+        told[:] = told if np.isfinite(lane.p).all() else np.nan
         with self.counting:
             self.run += 1
-            self.failed += not np.isfinite(told).all()
+            self.failed += bool(not np.isfinite(told).all() or self._stayed(x).any())
         return told
+
+    def _stayed(self, x: Array) -> Mask:
+        """Of which windows (K) the states (R, nx) stay at the end though they move: those fly apart."""
+        ends = np.append(self.begins[1:], len(x)) - 1
+        return np.asarray((x[ends] == x[ends - 1]).all(1) & x[ends][:, self.moving].any(1))
 
     @cached_property
     def mobility(self) -> Array:
