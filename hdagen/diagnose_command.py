@@ -125,6 +125,8 @@ def _one(options: argparse.Namespace) -> int:
         write_whole(out / "diagnosis.json", text.encode())
         report.write(found, out / "report.html", _again(options, found.content))
     print(sentence(found.content))
+    for failure in found.left_out:
+        print(failure)
     print(out / "report.html")
     return 0
 
