@@ -10,7 +10,7 @@ Legend: an atom is an effect on a joint with its shape parameters at one of thei
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -214,8 +214,9 @@ class Dictionary:
         return replace(focus, columns=tuple(columns))
 
 
-def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
-    """Every effect of ``arm`` that a log can show, with what the log itself suggests."""
+def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()) -> Dictionary:
+    """Every effect of ``arm`` that a log can show, with what the log itself suggests; of ``uncommanded`` joints, whose
+    measured inputs drive the model, none that lies between a command and what acts."""
     raw = {q["name"]: q for q in arm.manifest["parameters"]}
     place = {name: k for k, name in enumerate(arm.parameters.described)}
     atoms: list[Atom] = []
@@ -224,7 +225,7 @@ def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
         for j in effect["joints"]:
             suffix = f"_{j}" if j else ""
             names = tuple(a + suffix for a in effect["amplitudes"] if raw.get(a + suffix, {}).get("typical"))
-            if not names:
+            if not names or (effect["place"] == "input" and j in uncommanded):
                 continue
             shapes = [s + suffix for s in effect["shapes"]]
             for number, chosen in enumerate(_together([suggested.shapes.get(s, raw[s]["starts"]) for s in shapes])):
