@@ -21,7 +21,7 @@ from hdagen.input_file import InputFileError, read_bytes
 from hdagen.opening import mended
 from hdagen.plant import Arm, PlantError, load
 from hdagen.robot_file import SPRINGS, Place, RobotFile
-from hdagen.whole import whole
+from hdagen.whole import write_whole
 
 _LARGEST = 1_000_000  # bytes of a robot file
 _ROUNDING = 1e-9  # a lumped inertia goes through a sum and a difference
@@ -122,8 +122,7 @@ def _built(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Ar
 def _write(out: Path, text: bytes) -> None:
     """The new file, whole or not at all. Raises PlantError."""
     try:
-        with whole(out, text):
-            pass
+        write_whole(out, text)
     except OSError as error:
         raise PlantError(
             f"{out}: cannot be written ({error.strerror}), and what stood there is unchanged; make room or name "

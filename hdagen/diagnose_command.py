@@ -81,7 +81,7 @@ def _check(options: argparse.Namespace) -> None:
 @contextmanager
 def _folder(out: Path) -> Iterator[Path]:
     """``out``, made before the work; where that fails with nothing written, it is taken away again. Raises
-    PlantError."""
+    PlantError, also where it cannot be written into."""
     from hdagen.plant import PlantError
 
     new = not out.exists()
@@ -91,6 +91,11 @@ def _folder(out: Path) -> Iterator[Path]:
         raise PlantError(f"--out {out}: cannot be made ({error.strerror}); name another folder.") from None
     try:
         yield out
+    except OSError as error:
+        raise PlantError(
+            f"--out {out}: cannot be written into ({error.strerror}), and nothing is half-written; make room or name "
+            "another folder."
+        ) from None
     finally:
         if new and not any(out.iterdir()):
             out.rmdir()
@@ -103,6 +108,7 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.sentences import sentence
     from hdagen.log import check_log, read
+    from hdagen.whole import write_whole
 
     for path in (*options.logs, *(options.hold_out or ())):
         check_log(path)
@@ -115,9 +121,12 @@ def _one(options: argparse.Namespace) -> int:
         kept()
         found = diagnose(options.robot, logs, held, say)
         say("report")
-        _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
+        text = json.dumps(found.content, indent=1, allow_nan=False) + "\n"
+        write_whole(out / "diagnosis.json", text.encode())
         report.write(found, out / "report.html", _again(options, found.content))
     print(sentence(found.content))
+    for failure in found.left_out:
+        print(failure)
     print(out / "report.html")
     return 0
 
@@ -179,10 +188,3 @@ def _table(results: Sequence[Result]) -> Table:
         took = "kept" if one.kept else f"{one.seconds:.0f}" if one.seconds else ""
         table.add_row(escape(str(name)), escape(str(said)), numbers[0], known, *numbers[1:], took)
     return table
-
-
-def _write(path: Path, text: str) -> None:
-    """Whole or not at all."""
-    beside = path.with_name(f".{path.name}.new")
-    beside.write_text(text, encoding="utf-8")
-    os.replace(beside, path)
