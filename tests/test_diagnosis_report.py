@@ -224,7 +224,7 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
     [
         ("cable_spring@2", {"cable_stiffness": 30.0}),
         ("viscous_friction@2", {"viscous_friction": 1e-3}),
-        ("stiffness@1", {"wave_generator_stiffness": 2000.0}),
+        ("stiffness@2", {"stiffness_level": 0.6}),
     ],
 )
 def test_a_picture_tells_how_far_the_effect_is_what_it_shows(arm: Arm, entry: str, values: dict[str, float]) -> None:
