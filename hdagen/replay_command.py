@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from hdagen.log import Log
     from hdagen.plant import Arm, Array
     from hdagen.replay import Replay
+    from hdagen.verdict import Verdict
 
 EXAMPLE = """example:
   hdagen replay robot.toml log.parquet --out predicted.parquet
@@ -34,6 +35,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", help="a preset or a robot.toml")
+    p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
     p.add_argument("log", type=Path, metavar="LOG", help=".csv, .parquet or .mat")
     p.add_argument("--columns", type=Path, metavar="columns.toml", help="names, units and signs of a foreign log")
     p.add_argument(
@@ -74,25 +76,22 @@ def run(options: argparse.Namespace) -> int:
     from hdagen import verdict
     from hdagen.closed_loop import closed_loop, read_controller
     from hdagen.diagnosis.held_out import count_rows
-    from hdagen.log import ColumnsError, LogError, read, write
-    from hdagen.plant import PlantError, load
+    from hdagen.log import LogError, read, write
+    from hdagen.plant import PlantError
     from hdagen.repair import repair
-    from hdagen.replay import WINDOW, replay
+    from hdagen.replay import WINDOW, check, replay
 
     problems = _conflicts(options)
     if problems:
         raise PlantError("\n".join(problems))
     stated = verdict.read(options.with_) if options.with_ else None
-    counted = verdict.load_content(options.rows_of) if options.rows_of else None
+    counted = verdict.read_content(options.rows_of) if options.rows_of else None
     laws = read_controller(options.closed_loop) if options.closed_loop else None
-    arm = (
-        verdict.with_effects(options.robot, options.profile, stated) if stated else load(options.robot, options.profile)
-    )
-    try:
-        measured = read(options.log, options.columns, arm.n, holes=counted is not None)
-    except ColumnsError as error:
-        print(error, file=sys.stderr)
-        return USAGE
+    measured = read(
+        options.log, options.columns, holes=counted is not None
+    )  # before a model is compiled, which takes its time
+    arm = _load(options, stated)
+    check(arm, measured)
     if counted is None:
         notes, refusals = look(arm, measured)
     else:  # the log as the diagnosis took it
@@ -122,9 +121,23 @@ def run(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
+    """The arm that is asked for: a build as it is, else a robot with the effects that a diagnosis has stated."""
+    from hdagen import verdict
+    from hdagen.plant import Arm, load
+
+    if options.built:
+        return Arm(options.robot)
+    return (
+        verdict.with_effects(options.robot, options.profile, stated) if stated else load(options.robot, options.profile)
+    )
+
+
 def _conflicts(options: argparse.Namespace) -> list[str]:
     """What the options say that cannot be, before anything is built."""
     problems = []
+    if options.built and options.with_ is not None:
+        problems.append("--built and --with exclude each other: a verdict needs the robot file; leave one out.")
     if options.window is not None and not options.window > 0:
         problems.append(
             f"--window {options.window:g}: a window is longer than 0 s; 0.25 is usual, inf takes the log as one."

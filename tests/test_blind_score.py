@@ -16,6 +16,7 @@ from typing import Any
 import chromium
 import numpy as np
 import pytest
+from hostile_names import NAME, check_escaped
 
 from hdagen.blind import blind_page, calibrate, rates, seal
 from hdagen.blind.compared import COMPARED, compare
@@ -391,6 +392,14 @@ def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
     blind_page.write(tmp_path / "blind.html", found)
     text = (tmp_path / "blind.html").read_text()
     assert "abab" in text and "<b>no</b>" not in text and text.count("<figure") >= 3
+
+
+def test_names_that_are_html_are_text(tmp_path: Path) -> None:
+    rows = [replace(row, name=f"{row.name} {NAME}", failed=row.failed and NAME) for row in _many("single")]
+    blind_page.write(
+        tmp_path / "x.html", report(Check("single", 24, NAME, 2, 10.0, Path(NAME)), seal.Seal(NAME, 24), rows)
+    )
+    check_escaped((tmp_path / "x.html").read_text(), 3)
 
 
 @pytest.mark.parametrize("kind", ["single", "none", "pair"])

@@ -21,12 +21,13 @@ from hdagen.pages.curves import Panel, Series, panels
 from hdagen.pages.page import Section
 from hdagen.pages.table import table
 from hdagen.replay import WINDOW, Replay
+from hdagen.verdict import silent
 
 SHOWN = 8  # candidates in the figures
 RARE = 1e-3  # probability below which a hypothesis is not listed
 NEVER = 1e-4  # below which its size says nothing
 LITTLE = f"less than {NEVER:g}"
-TOLD = (0.5, 0.9)  # posterior by prior width, up to which the data said much, and a little
+MUCH = 0.5  # posterior by prior width, up to which the data said much
 LAG = 0.25  # s, of the correlations of what is left
 
 
@@ -248,7 +249,7 @@ def _parameters(sight: Sight, content: dict[str, Any]) -> Section:
     text = (
         "As re-estimated with the verdict. The prior of a base parameter is its tolerance about the robot file's "
         "value; that of an effect's size is what is usually met. Ratio: posterior by prior width; where it is 1 the "
-        "data said nothing."
+        "data said nothing of this one by itself. What they said nothing of keeps the robot file's number."
     )
     if count:
         text += f" Those of the verdict's effects come first ({count})."
@@ -261,11 +262,13 @@ def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float 
     if q is None:
         return [name, None, None, estimate["value"], std, unit, None, "–"]
     prior = estimate.get("prior") or q.tolerance * abs(q.nominal) or (q.typical or None)
-    told = None if std is None or not prior else std / prior
-    if told is None:
+    told = None
+    if std is None or not prior:
         said = "no width" if std is None else "–"
     else:
-        said = "much" if told < TOLD[0] else "a little" if told < TOLD[1] else "nothing"
+        told = std / prior
+        kept = silent(estimate["value"] - q.nominal, std, prior)
+        said = "much" if told < MUCH else "nothing" if kept else "a little"
     end = "; at the end of its range" if estimate["end"] else ""
     return [name, q.nominal, prior, estimate["value"], std, unit, told, f"{said}{end}"]
 
@@ -338,8 +341,8 @@ def _data(content: dict[str, Any]) -> Section:
     beside = f"jitter {1e6 * jitter:.2g} µs, {100 * jitter * data['rate']:.2g} % of a period"
     lost = f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, {beside}"
     said = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {lost}."]
+    said += [f"Repaired: {one['what']}" for one in data.get("repaired", ())]
     for heading, key in (
-        ("Repaired", "repaired"),
         ("Not logged", "missing"),
         ("Warnings", "warnings"),
         ("Noticed", "noticed"),

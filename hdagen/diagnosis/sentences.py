@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hdagen.diagnosis.separators import separate_by
+from hdagen.diagnosis.standing import NOISE
 from hdagen.pages.quantity import number
 
 LIKELY = 0.01  # probability from which a candidate is spoken of
@@ -74,13 +75,15 @@ def _unit(q: dict[str, Any]) -> str:
 
 
 def _nothing(content: dict[str, Any]) -> str:
-    """Why no effect is named: none is likely, or one is, but not sure enough."""
+    """Why no effect is named: none is likely, or one is, but not sure enough, or there is nothing to explain."""
     first = content["hypotheses"][0]
     if not first["effects"]:
         p = f"{first['probability']:.2f}{calibrated(content)}"
         return f"No effect above the size that counts was found (probability {p})"
-    none = next(h["probability"] for h in content["hypotheses"] if not h["effects"])
     each, p = _each(first["effects"]), first["probability"]
+    if content["gap"]["before"] < NOISE:
+        return f"There is no gap to explain, although the log may have {each} ({p:.2f})"
+    none = sum(h["probability"] for h in content["hypotheses"] if not h["effects"])
     return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
 
 
