@@ -21,9 +21,9 @@ def test_an_effect_with_a_quarter_of_the_slope_of_the_points_is_warned_of(times:
     added = np.sin(np.linspace(0, 200, 20_000))
     found = agreement(times * added + 0.1 * walk(rng, len(added)), added)
     assert found.slope == pytest.approx(times, abs=0.05) and found.contradicted is warns
-    assert ("Warning: the log shows" in found.words) is warns and f"R² = {found.explained:.2f}" in found.words
+    assert ("Warning: the log shows" in found.words()) is warns and f"R² = {found.explained:.2f}" in found.words()
     if times == 4.0:
-        assert found.explained == pytest.approx(1 - 9 / 16, abs=0.01) and "4 times" in found.words
+        assert found.explained == pytest.approx(1 - 9 / 16, abs=0.01) and "4 times" in found.words()
 
 
 def test_r_squared_is_the_share_that_is_taken_away() -> None:

@@ -29,10 +29,10 @@ class Agreement:
         reach = SURELY * self.error
         return self.slope - reach > APART or self.slope + reach < 1.0 / APART
 
-    @property
-    def words(self) -> str:
-        """For a caption."""
-        said = f" The effect explains {100 * self.explained:.0f} % of the points (R² = {self.explained:.2f})."
+    def words(self, beyond: str = "") -> str:
+        """For a caption; ``beyond`` what, if not nothing."""
+        shown = f"Of what the points show{beyond and f' beyond {beyond}'}"
+        said = f"{shown} the effect explains {100 * self.explained:.0f} % (R² = {self.explained:.2f})."
         if not self.contradicted:
             return said
         return (

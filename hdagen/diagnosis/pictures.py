@@ -93,6 +93,7 @@ ALONG = {  # of friction as what opposes the motion, by effect
     "position_dependent_friction": Abscissa("joint angle (rad)", _state("joint_position")),
     "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
 }
+FILE = "the robot file's"
 REACH = 2.0  # rad of the motor after a reversal that are drawn
 
 
@@ -125,7 +126,7 @@ def _plain(sight: Sight, entry: str, place: str, over: Abscissa, joints: Sequenc
         shown.append(Plane(_points_and_fit(x, left + adds, adds), f"joint {joint}"))
         points, added = [*points, left + adds], [*added, adds]
     x_label = over.label.replace("{input}", sight.input_unit(1))
-    caption = CAPTION + agreement(np.concatenate(points), np.concatenate(added)).words
+    caption = f"{CAPTION} {agreement(np.concatenate(points), np.concatenate(added)).words()}"
     return planes(_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=caption)
 
 
@@ -201,7 +202,7 @@ def _friction(sight: Sight, entry: str, joint: int) -> str:
         equal=False,
         caption="Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal "
         "are left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the "
-        f"effect at its fitted parameters. Beyond the robot file's:{agreement(fit + left - robot, fit - robot).words}",
+        f"effect at its fitted parameters. {agreement(fit + left - robot, fit - robot).words(FILE)}",
     )
 
 
@@ -218,7 +219,7 @@ def _against(sight: Sight, entry: str, joint: int) -> str:
         y_label="friction beyond the base's (N m)",
         equal=False,
         caption="Against the motion; standstill and the instants of reversal are left out. "
-        f"{CAPTION}{agreement(fit + left, fit).words}",
+        f"{CAPTION} {agreement(fit + left, fit).words()}",
     )
 
 
@@ -259,8 +260,7 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
         equal=False,
         caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle"
         f"{f', where that goes furthest in {LOOPS:g} s' if len(parts) > 1 else ''}. The model's torque is that of its "
-        "springs and effects at the measured states. Beyond the robot file's:"
-        f"{agreement(lacks[0], lacks[0] - lacks[1]).words}",
+        f"springs and effects at the measured states. {agreement(lacks[0], lacks[0] - lacks[1]).words(FILE)}",
     )
 
 
@@ -338,8 +338,7 @@ def _input(sight: Sight, entry: str, joint: int) -> list[str]:
             x_label=f"rate of the command ({unit}/s)" if late else f"command ({unit})",
             y_label=f"measured less undelayed {word} ({unit})" if late else f"{word} ({unit})",
             equal=False,
-            caption=f"{'The slope is the delay, s, with its sign reversed. ' if late else ''}Beyond the robot file's:"
-            f"{alike.words}",
+            caption=f"{'The slope is the delay, s, with its sign reversed. ' if late else ''}{alike.words(FILE)}",
         ),
     ]
 
