@@ -6,6 +6,7 @@ scales the spring's level, so that its compliance is free between the drive as b
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 from gen.description import Drive, Joint, Robot, StatedEffect, Value
@@ -22,14 +23,23 @@ SOFTNESS, DAMPING = EFFECT.parameters
 ROOM = 2.0  # times the width of smooth friction that the step just carries
 
 
-def compliant(robot: Robot, everywhere: bool) -> Robot:
-    """``robot`` with springs in the rigid drives that state the effect, or ``everywhere`` there is a rotor to turn; of
-    those that do not state it each so soft, and so little damped, that the robot's step carries it, and none where that
-    would be softer than a spring may be, or where the step does not carry the rotor alone."""
+def springs(extra: tuple[str, ...], n: int) -> tuple[frozenset[int], tuple[str, ...]]:
+    """Of effects to add to a robot of ``n`` joints: the joints whose rigid drives get a spring, of which
+    ``missing_compliance@2`` says one and ``missing_compliance`` all; and the names without a joint."""
+    everywhere = frozenset(range(1, n + 1))
+    of = {f"{EFFECT.name}@{j}": frozenset({j}) for j in everywhere} | {EFFECT.name: everywhere}
+    sprung = frozenset[int]().union(*(of[name] for name in extra if name in of))
+    return sprung, tuple(EFFECT.name if name in of else name for name in extra)
+
+
+def compliant(robot: Robot, given: Collection[int]) -> Robot:
+    """``robot`` with springs in the rigid drives that state the effect, and in those of the joints ``given`` that have
+    a rotor to turn; of those that do not state it each so soft, and so little damped, that the robot's step carries it,
+    and none where that would be softer than a spring may be, or where the step does not carry the rotor alone."""
     stated = {effect.joint: effect.parameters for effect in robot.effects if effect.name == EFFECT.name}
     joints = list(robot.joints)
     for j, joint in enumerate(joints, 1):
-        if joint.drive.rigid and (j in stated or (everywhere and _turns(joint.drive, robot.step))):
+        if joint.drive.rigid and (j in stated or (j in given and _turns(joint.drive, robot.step))):
             joints[j - 1] = _flexible(joint, _nominal(stated.get(j, {}), SOFTNESS), robot.step)
     assumed = []
     for j, values in _carried(tuple(joints), robot.step).items():

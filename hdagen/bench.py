@@ -19,7 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.children import start_together
 from hdagen.control import Controller, Guard, Safe
+from hdagen.opening import find_builds
 from hdagen.plant import Arm, Array, PlantError, load
 from hdagen.readings import mechanical
 
@@ -102,19 +104,19 @@ def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
 
 def _raced(rounds: int) -> dict[str, Any]:
     """What `python -m gen time` prints: function -> contestant -> "row" and "single"."""
-    out = os.environ.get("HDAGEN_BUILD") or "build"
-    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={out}", "--", "paper")))
+    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={find_builds()}", "--", "paper")))
 
 
 def _gen(*arguments: str) -> str:
     """What a child process of gen prints. Raises PlantError with its words."""
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-P", "-m", "gen", *arguments]
-    environment = {**os.environ, "PYTHONPATH": beside}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode:
-        raise PlantError(done.stderr.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
-    return done.stdout
+    environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
+    with start_together(command, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
+        printed, said = child.communicate()
+    if child.returncode:
+        raise PlantError(said.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
+    return str(printed)
 
 
 def _raced_timing(name: str, contest: dict[str, Any]) -> Timing:

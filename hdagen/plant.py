@@ -45,14 +45,15 @@ class StepJacobians:
 
 
 class Arm:
-    """A loaded arm. x, u and p are ordered as ``state_names``, ``input_names`` and ``parameters`` say; units are SI.
+    """An arm, loaded from the folder of a build. x, u and p are ordered as ``state_names``, ``input_names`` and
+    ``parameters`` say; units are SI.
 
     ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. Threads may share an arm
     whose parameters none of them sets: nothing else changes it, and `at` makes one with other parameters.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = folder = Path(folder)
         self.manifest, self.module = opened(folder)
         try:
             self._read()
@@ -314,10 +315,10 @@ def load(
     out: str | Path | None = None,
     mpc: Structured | None = None,
 ) -> Arm:
-    """The arm of a preset, a robot.toml, or a folder that `python -m gen build` made.
+    """The arm of a preset or a robot.toml; `Arm` loads the folder of a build.
 
     A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
-    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build); ``mpc``, a configuration of the
-    predictive controller, adds it to the library. Raises PlantError.
+    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build if it is there, else the user's cache);
+    ``mpc``, a configuration of the predictive controller, adds it to the library. Raises PlantError.
     """
     return Arm(folder_of(robot, profile, effects, out, mpc))

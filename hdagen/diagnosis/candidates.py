@@ -10,7 +10,7 @@ Legend: an atom is an effect on a joint with its shape parameters at one of thei
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -213,8 +213,9 @@ class Dictionary:
         return replace(focus, columns=tuple(columns))
 
 
-def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
-    """Every effect of ``arm`` that a log can show, with what the log itself suggests."""
+def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()) -> Dictionary:
+    """Every effect of ``arm`` that a log can show, with what the log itself suggests; of ``uncommanded`` joints, whose
+    measured inputs drive the model, none that lies between a command and what acts."""
     described = arm.parameters.described
     place = {name: k for k, name in enumerate(described)}
     atoms: list[Atom] = []
@@ -224,7 +225,7 @@ def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
             suffix = f"_{j}" if j else ""
             stated = (a + suffix for a in effect["amplitudes"])
             names = tuple(name for name in stated if name in described and described[name].typical)
-            if not names:
+            if not names or (effect["place"] == "input" and j in uncommanded):
                 continue
             shapes = [s + suffix for s in effect["shapes"]]
             for number, chosen in enumerate(_together([suggested.shapes.get(s, described[s].starts) for s in shapes])):

@@ -19,6 +19,8 @@ from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings, hypothetical
 from hdagen.diagnosis.first_look import first_look
 from hdagen.diagnosis.foreign import foreign
+from hdagen.diagnosis.gap import bounds, least
+from hdagen.diagnosis.held_out import name_rows
 from hdagen.diagnosis.ladder import ladder, left_by
 from hdagen.diagnosis.lasting import lasting
 from hdagen.diagnosis.missing import Sight, look
@@ -30,6 +32,7 @@ from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
+from hdagen.identity import identity
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
 from hdagen.repair import prepared
@@ -72,8 +75,8 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     plain, arm = together(lambda build: load(robot, *build), [("portable", ()), ("native", ("all",))])
     for log in (*logs, *hold_out):
         check(plain, log)
-    logs, hold_out, of_data = prepared(plain, logs, hold_out)
-    shown, held_out = parted(logs, hold_out)
+    logs, hold_out, fresh, of_data = prepared(plain, logs, hold_out)
+    shown, held_out = parted(logs, hold_out, fresh)
     window = max(WINDOW, FEWEST * shown.log.period)
     seen = record(arm, shown, window)
 
@@ -82,8 +85,9 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
 
     def without(base: verdict.Verdict) -> tuple[Replay, Replay, Portion]:
         refitted = verdict.applied(plain, base)[0]
-        before, flexible = counted(plain), corrected(refitted, shown, held_out, counted(refitted))
-        return before, flexible, held_out.without(before.guessed, before.starts)  # a guess would tell of itself
+        before, alone = counted(plain), counted(refitted)
+        held = held_out.without(before.guessed, before.starts)  # a guess would tell of itself
+        return before, least([before, alone, corrected(refitted, shown, held_out, alone)], held), held
 
     attempts = Attempts()
     found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say, attempts)
@@ -92,10 +96,13 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     alone = sure(arm, seen)
 
     def told(decided: Decision) -> Told:
-        decided = beside(decided, alone)
-        content = findings(found, decided)
-        arm = decided.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
-        return decided, content, *stands(plain, arm, content, before, held_out, flexible, counted)
+        for one in dict.fromkeys((beside(decided, alone), decided)):  # what was read off is withdrawn first
+            content = findings(found, one)
+            arm = one.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
+            changed, after = stands(plain, arm, content, before, held_out, flexible, counted)
+            if content["verdict"] == list(one.verdict):
+                break
+        return one, content, changed, after
 
     def instead(strange: Decision) -> Decision | None:  # known effects alone, where the held-out motion bears that out
         if not (without_it := known(strange)).verdict:
@@ -124,8 +131,12 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         "where and when", partial(where, sight, content, held_out.rows), content["where"]
     )
     content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
-    content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
-    content["data"] = _data(logs, hold_out, before, attempts.failures) | of_data
+    content["robot"] = {
+        "name": plain.robot["name"],
+        "identity": identity(plain.robot),
+        "sha256": _digest(robot),
+    }
+    content["data"] = _data(logs, hold_out, before, held_out, attempts.failures) | of_data
     return Diagnosis(found, decision, content, before, after, held_out, sight, tuple(attempts.failures))
 
 
@@ -135,13 +146,15 @@ def _rivals(
     rest: tuple[Replay, Replay, Portion, Callable[[Arm], Replay]],
     attempts: Attempts,
 ) -> dict[str, Any]:
-    """`tolerated`, `ladder` and `causes` of diagnosis.json; ``rest``: what the first two take beside the decision."""
+    """`tolerated`, `ladder`, `causes` and `gap` of diagnosis.json; ``rest``: what the first two take beside the
+    decision."""
     nothing: list[dict[str, Any]] = []
     said = verdict.read(content)
     little = attempts.attempt("what is tolerated", lambda: tolerated(decision.best, said, *rest), nothing)
     rungs = attempts.attempt("the ladder", lambda: ladder(decision, content["verdict"], *rest), nothing)
     causes = [cause | {"gap_after": left_by(cause, rungs)} for cause in content["causes"]]
-    return {"tolerated": little, "ladder": rungs, "causes": causes}
+    left = content["gap"] | bounds(content["gap"], rungs, little)
+    return {"tolerated": little, "ladder": rungs, "causes": causes, "gap": left}
 
 
 def _searched(
@@ -191,7 +204,9 @@ def _counted(found: Replay, seen: Record) -> Replay:
     return replace(found, noise={name: max(noise, fitted.get(name, 0.0)) for name, noise in found.noise.items()})
 
 
-def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay, failures: Sequence[str]) -> dict[str, Any]:
+def _data(
+    logs: Sequence[Log], hold_out: Sequence[Log], before: Replay, held: Portion, failures: Sequence[str]
+) -> dict[str, Any]:
     notes = [note for log in logs for note in log.notes]
     if before.guessed:
         count = len(before.guessed)
@@ -201,6 +216,7 @@ def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay, failures
         "rate": 1 / logs[0].period,
         "duration": sum(float(log.time[-1] - log.time[0]) for log in logs),
         "held_out": ", ".join(log.source for log in hold_out) or BLOCKS,
+        "hold_out": name_rows(held, hold_out or logs),
         "notes": list(dict.fromkeys([*notes, *failures])),
     }
 

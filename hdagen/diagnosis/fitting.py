@@ -34,6 +34,7 @@ KEPT = 0.25  # of what a step promises in the linear model, from which it is far
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 FAR = 2.0  # of what noise leaves of a window in the mean, from which it is
 BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
+FRICTION = "coulomb_friction"  # which does, too
 ENOUGH = 0.1  # of log evidence that a step must bring, or promise, for another one
 
 
@@ -256,7 +257,8 @@ def widths(at: Design, free: NDArray[np.intp], point: Point) -> Array:
     large, if that is more than usual, as those come in all orders of magnitude."""
     prior = at.words.spike
     described = list(at.shooting.arm.parameters.described.values())
-    broad = np.array([described[at.words.columns[k].index].unit.endswith(BROAD) for k in free], bool)
+    units = [described[at.words.columns[k].index] for k in free]
+    broad = np.array([q.unit.endswith(BROAD) or q.name.startswith(FRICTION) for q in units], bool)
     prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(point.p)[free]), SLAB), SLAB)
     return prior
 

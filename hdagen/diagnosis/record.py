@@ -22,7 +22,7 @@ from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, Rows, complete, mechanical
 from hdagen.repair import segments
-from hdagen.replay import _noise, driven_by, window_starts
+from hdagen.replay import _noise, driven_by, driving_channel, is_command, window_starts
 from hdagen.torques import torque_per_input
 
 QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
@@ -100,6 +100,12 @@ class Record:
             seen = self.measured[self.rows[rows]]
             told.append(np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(seen, axis=0) != 0).sum(0))), seen.shape))
         return np.concatenate(told) * self.noise
+
+    @cached_property
+    def uncommanded(self) -> tuple[int, ...]:
+        """The joints whose commands are not logged: what was measured of their inputs is what acted."""
+        joints = range(1, self.log.n_joints + 1)
+        return tuple(j for j in joints if not is_command(driving_channel(self.log, j, "command") or ""))
 
     @property
     def edges(self) -> Rows:

@@ -39,7 +39,9 @@ def with_springs(
     _narrowed(flexible)
     say("a spring in what the robot file calls rigid")
     shooting = Shooting(flexible, record(flexible, Portion(seen.log, seen.shown), window), STEP)
-    words = dictionary(flexible, suggested(flexible, shooting.record)).sharing(found.words.share)
+    words = dictionary(flexible, suggested(flexible, shooting.record), shooting.record.uncommanded).sharing(
+        found.words.share
+    )
     atoms = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
     own = [c for c in words.columns if c.atom in atoms]
     field: list[Fitted] = []

@@ -270,6 +270,8 @@ class Shooting:
         found = self.acted.get(key)  # threads share it
         if found is None:
             found = arm.acting(self.command, self.steps, self.record.before)
+            measured = [j - 1 for j in self.record.uncommanded]
+            found[0][:, measured] = self.command[:, measured]
             if len(self.acted) >= STAGES:
                 self.acted.clear()
             self.acted[key] = found
