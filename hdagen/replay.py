@@ -124,7 +124,7 @@ def replay(
         states.append(x)
         shown.append(at)
     found = compare(arm, log, np.concatenate(states), np.concatenate(shown), np.concatenate(begins), notes)
-    driving = (_channel(log, j, input)[0] for j in range(1, arm.n + 1))
+    driving = (driving_channel(log, j, input) for j in range(1, arm.n + 1))
     return replace(found, guessed=tuple(guessed), inputs=tuple(name for name in driving if name in found.errors))
 
 

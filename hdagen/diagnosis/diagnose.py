@@ -83,12 +83,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     def counted(arm: Arm, said: verdict.Verdict | None = None) -> Replay:
         return _counted(replay(arm, held_out.log, with_=said), seen)
 
-    def without(base: verdict.Verdict) -> tuple[Replay, Replay, Portion]:
-        refitted = verdict.applied(plain, base)[0]
-        before, alone = counted(plain), counted(refitted)
-        held = held_out.without(before.guessed, before.starts)  # a guess would tell of itself
-        return before, least([before, alone, corrected(refitted, shown, held_out, alone)], held), held
-
+    without = partial(_without_effects, plain, shown, held_out, counted)
     attempts = Attempts()
     found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say, attempts)
     decision = _own(decide(found), logs)
@@ -127,17 +122,22 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content |= _rivals(decision, content, (before, after, held_out, counted), attempts)
     say("where and when")
     sight = look(changed, content, held_out.log, before, after)
-    content["where"] = attempts.attempt(
-        "where and when", partial(where, sight, content, held_out.rows), content["where"]
-    )
+    places = partial(where, sight, content, held_out.rows)
+    content["where"] = attempts.attempt("where and when", places, content["where"])
     content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
-    content["robot"] = {
-        "name": plain.robot["name"],
-        "identity": identity(plain.robot),
-        "sha256": _digest(robot),
-    }
+    content["robot"] = {"name": plain.robot["name"], "identity": identity(plain.robot), "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out, before, held_out, attempts.failures) | of_data
     return Diagnosis(found, decision, content, before, after, held_out, sight, tuple(attempts.failures))
+
+
+def _without_effects(
+    plain: Arm, shown: Portion, held_out: Portion, counted: Callable[[Arm], Replay], base: verdict.Verdict
+) -> Meanwhile:
+    """The robot file's replay, the best that base parameters and a flexible correction leave, and what is compared."""
+    refitted = verdict.applied(plain, base)[0]
+    before, alone = counted(plain), counted(refitted)
+    held = held_out.without(before.guessed, before.starts)  # a guess would tell of itself
+    return before, least([before, alone, corrected(refitted, shown, held_out, alone)], held), held
 
 
 def _rivals(
