@@ -19,6 +19,7 @@ CONTENT: dict[str, Any] = {
     "verdict": ["payload@1"],
     "causes": [{"effect": "payload", "joint": 1, "parameters": {"payload_mass": 1.0}}],
     "parameters": {},
+    "gap": {"before": 9.0, "after": 2.0, "flexible": 3.0, "achievable": 2.0},
 }
 
 
@@ -52,6 +53,7 @@ def test_a_late_stage_that_fails_takes_nothing_of_what_was_found(monkeypatch: py
     monkeypatch.setattr(diagnose, "ladder", lambda *of: [{"effects": ["payload@1"], "gap": 2.0}])
     attempts = Attempts()
     found = diagnose._rivals(decision, CONTENT, rest, attempts)
+    assert found["gap"] == CONTENT["gap"]
     assert found["tolerated"] == [] and found["causes"] == [CONTENT["causes"][0] | {"gap_after": 2.0}]
     assert "payload_mass_1" in attempts.failures[0]
     monkeypatch.setattr(diagnose, "ladder", refused)
