@@ -41,7 +41,7 @@ CHANNEL = {"joint_position_1": {"before": 30.0, "after": 2.0, "noise": 1e-6}}
 GAPS = [
     {"before": before, "after": after, "achievable": achievable, "shrink": shrink, "interval": interval}
     for before, after in ((0.9, 0.9), (1.1, 1.0), (50.0, 3.0), (5e3, 5e3))
-    for achievable in (None, 0.5, 2.0, 6e3)
+    for achievable in (0.5, 2.0, 6e3)
     for shrink, interval in ((None, None), (0.5, None), (0.5, [0.2, 0.9]))
 ]
 
@@ -219,7 +219,6 @@ def test_every_page_is_written(one: tuple[Arm, Log], which: str, tmp_path: Path)
         said |= {"parameters": {} if k % 2 else {"mass_1": estimate(4.6)}, "robot": {"name": "arm", "sha256": None}}
         after = replay(arm, log, with_=verdict.read(said))
         said |= {"gap": gap(before, after, held), "data": {"rate": 1e3, "duration": 1.6, "held_out": "blocks"}}
-        said["gap"].setdefault("achievable", None)
         rung = {"effects": [], "probability": None, "gap": 2.0, "interval": None}
         said |= {"ladder": [rung | {"model": model} for model in ("robot file", "verdict")]}
         said |= {"control": {"refused": "no speed limit"} if k % 2 else None}
