@@ -254,7 +254,7 @@ def test_nothing_jumps_where_much_is_there_a_little(build: Builder, share: float
     assert jumps == {}
 
 
-QUICK = arms.arm("R", step=1e-4, drive=f"torque_constant = 0.05\nmax_current = 10.0\n{SENSORS}")
+QUICK = arms.arm("R", step=1e-4, drive=f"torque_constant = 0.05\nmax_current = 40.0\n{SENSORS}")
 
 
 @pytest.fixture(scope="module")
