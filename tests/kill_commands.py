@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import signal
 import sys
 import time
@@ -192,9 +193,9 @@ def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]
     took = time.monotonic() - begun
     found: dict[str, object] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
     for kill in range(count):
-        for path in sorted(out.rglob("[!.]*"), reverse=True) if kill % 3 == 0 else ():
-            if path.is_file():  # begun anew now and then
-                path.unlink()
+        if kill % 3 == 0:  # begun anew now and then
+            shutil.rmtree(out)
+            out.mkdir()
         child = started(arguments)
         if kill % 2:  # every other one surely while files are written
             await_true(partial(writes_or_has_ended, out, child), took)

@@ -22,7 +22,7 @@ from hdagen.blind import blind_page, calibrate, rates, seal
 from hdagen.blind.compared import COMPARED, compare
 from hdagen.blind.figures import mean, median, rate
 from hdagen.blind.report import report, written
-from hdagen.blind.run import Check, gap
+from hdagen.blind.run import Check, _claim, gap
 from hdagen.blind.score import Row, alike, bins, confusion, coverage, judged, summary
 from hdagen.blind.sizes import SIZES
 from hdagen.diagnosis import calibration
@@ -392,6 +392,12 @@ def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
     blind_page.write(tmp_path / "blind.html", found)
     text = (tmp_path / "blind.html").read_text()
     assert "abab" in text and "<b>no</b>" not in text and text.count("<figure") >= 3
+
+
+def test_what_a_kill_left_of_the_seal_is_no_other_check(tmp_path: Path) -> None:
+    (tmp_path / ".seal.part-0123456789abcdef.json").write_text('{"seal": "ab')
+    _claim(Check("single", 1, "s", 1, 10.0, tmp_path), seal.Seal("ab" * 32, 1))
+    assert [path.name for path in tmp_path.iterdir()] == ["seal.json"]
 
 
 def test_names_that_are_html_are_text(tmp_path: Path) -> None:
