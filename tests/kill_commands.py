@@ -35,7 +35,7 @@ from hdagen.diagnosis.portion import Portion, blocks
 from hdagen.log import write
 from hdagen.plant import Arm
 
-TOKEN = "HDAGEN_TEST_KILLED"  # in the environment of all that the command starts
+TOKEN = f"HDAGEN_TEST_KILLED_{os.getpid()}"  # in the environment of all that the command starts
 
 
 # -- what is run ------------------------------------------------------------------------------------------------------
@@ -178,9 +178,15 @@ def await_true(what: Callable[[], object], seconds: float) -> bool:
     return bool(what())
 
 
-def writes_or_has_ended(out: Path, child: int) -> bool:
-    """Whether a file is being written, or nothing will be any more."""
-    return bool(find_parts(out)) or os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+def has_ended(child: int) -> bool:
+    """Whether a child waits to be asked for its exit code."""
+    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+def begin_anew(out: Path) -> None:
+    """Empty the folder into which the command writes."""
+    shutil.rmtree(out)
+    out.mkdir()
 
 
 def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]:
@@ -188,20 +194,21 @@ def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]
     and the parts that it left."""
     rng, out = random.Random(seed), folder / "out"
     arguments = PREPARE[command](folder)
+    os.waitpid(started(arguments), 0)  # what it builds is there from now on
+    found: dict[str, object] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
+    begin_anew(out)
     begun = time.monotonic()
     os.waitpid(started(arguments), 0)
     took = time.monotonic() - begun
-    found: dict[str, object] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
     for kill in range(count):
-        if kill % 3 == 0:  # begun anew now and then
-            shutil.rmtree(out)
-            out.mkdir()
+        if kill % 3 == 0:
+            begin_anew(out)
         child = started(arguments)
         if kill % 2:  # every other one surely while files are written
-            await_true(partial(writes_or_has_ended, out, child), took)
+            await_true(lambda child=child: find_parts(out) or has_ended(child), took)
             time.sleep(rng.uniform(0.0, 2e-3))
         else:
-            time.sleep(rng.uniform(0.0, took))
+            await_true(partial(has_ended, child), rng.uniform(0.0, took))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         found["kills"] += 1
