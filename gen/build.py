@@ -10,7 +10,6 @@ import os
 import platform
 import shutil
 import sys
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -23,7 +22,8 @@ from gen.entry import named, nearest
 from gen.mpc.structure import Structure, StructureError, fitting
 from gen.ownership import find_other_writer
 from gen.presets import presets
-from gen.robot import LARGEST, Robot, RobotError, load
+from gen.robot import Robot, RobotError, labelled, load
+from gen.robot_text import parse_robot, read_robot
 from gen.rules import slug
 
 if TYPE_CHECKING:
@@ -80,25 +80,11 @@ def place(
     source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
 ) -> tuple[Path, str, bytes]:
     """The folder of a build, its hash, and the robot file as read. Raises RobotError, CompileError, BuildError."""
-    path = presets().get(source, Path(source))
-    try:
-        content = path.read_bytes() if path.is_file() and path.stat().st_size <= LARGEST else None
-    except (OSError, ValueError):
-        content = None
-    if content is None:
-        load(source)  # says what is wrong
-        raise BuildError(f"{source}: the file changed while it was read; build again.")
+    label = labelled(source)
+    content = read_robot(presets().get(source, Path(source)), label)
+    stated = parse_robot(content, label).get("name")
     name = key(content, profile, extra, mpc)
-    return out / f"{slug(_name(content))}-{name}", name, content
-
-
-def _name(content: bytes) -> str:
-    """The label in a robot file; "arm" where it has none, which the full check of the file speaks of."""
-    try:
-        name = tomllib.loads(content.decode("utf-8-sig")).get("name")
-    except (ValueError, RecursionError):
-        name = None
-    return name if isinstance(name, str) else "arm"
+    return out / f"{slug(stated if isinstance(stated, str) else 'arm')}-{name}", name, content
 
 
 def build(
@@ -145,23 +131,25 @@ def build(
 
 
 def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Library, tuple[Effect, ...], Examination]:
-    """Everything to be emitted, the effects in them, and whether the robot's step carries them.
+    """Everything to be emitted, the effects in them, and whether the robot's step carries them; of
+    `missing_compliance@2` the spring of joint 2 alone, of `missing_compliance` those of all rigid drives.
 
     Raises BuildError where there is no such effect, RobotError where the parameters give no model.
     """
     from gen import stability  # casadi, which an intact build does not need
-    from gen.compliant import compliant
+    from gen.compliant import compliant, springs
     from gen.effects import ALL, NOMINAL
     from gen.library import library
     from gen.model import Model
 
+    sprung, extra = springs(extra, len(robot.joints))
     unknown = set(extra) - {effect.name for effect in ALL}
     if unknown:
         names = [effect.name for effect in ALL]
         found = ", ".join(f"{named(name)}{nearest(name, names)}" for name in sorted(unknown))
         raise BuildError(f"--effects: found {found}, possible are {', '.join(names)}; choose of these.")
     wanted = {stated.name for stated in robot.effects} | set(extra)
-    robot = compliant(robot, "missing_compliance" in extra)
+    robot = compliant(robot, sprung)
     chosen = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
     try:
         applies = Model(robot, NOMINAL).applies

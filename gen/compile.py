@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
 import shutil
@@ -31,6 +32,9 @@ ssse3 sse4_1 sse4_2 popcnt abm movbe adx f16c fma fma4 bmi1 bmi2 avx avx2 avx_vn
 avx512bw avx512vl avx512ifma avx512vbmi avx512_vbmi2 avx512_vnni avx512_bitalg avx512_vpopcntdq avx512_bf16 avx512_fp16
 asimd asimdhp asimddp fphp sve sve2
 """  # what compilers choose from under -march=native, in the words of /proc/cpuinfo
+
+
+EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)  # not the compiler's fault
 
 
 class CompileError(Exception):
@@ -82,6 +86,9 @@ def _ask(command: tuple[str, ...]) -> tuple[str, str]:
             [*command, "--version"], capture_output=True, text=True, errors="replace", timeout=60, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
+        if isinstance(error, OSError) and error.errno in EXHAUSTED:
+            why = f"`{asked}` cannot be started ({error.strerror})"
+            raise CompileError(f"{why}: allow more open files and processes by `ulimit`, or close others.") from None
         return "", f"`{asked}`: {error}"
     lines = done.stdout.strip().splitlines()
     if done.returncode or not lines:

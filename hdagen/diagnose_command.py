@@ -107,17 +107,16 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.memory import kept
     from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.sentences import sentence
-    from hdagen.log import LogError, read
+    from hdagen.log import check_log, read
     from hdagen.whole import write_whole
 
+    for path in (*options.logs, *(options.hold_out or ())):
+        check_log(path)
     with _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
-        try:
-            logs, held = (
-                [read(path, columns=options.columns, holes=True) for path in paths or ()]
-                for paths in (options.logs, options.hold_out)
-            )
-        except OSError as error:
-            raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
+        logs, held = (
+            [read(path, columns=options.columns, holes=True) for path in paths or ()]
+            for paths in (options.logs, options.hold_out)
+        )
         say = Progress()
         kept()
         found = diagnose(options.robot, logs, held, say)
@@ -126,6 +125,8 @@ def _one(options: argparse.Namespace) -> int:
         write_whole(out / "diagnosis.json", text.encode())
         report.write(found, out / "report.html", _again(options, found.content))
     print(sentence(found.content))
+    for failure in found.left_out:
+        print(failure)
     print(out / "report.html")
     return 0
 
@@ -136,13 +137,12 @@ def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
     mapped = f" --columns {shlex.quote(str(options.columns))}" if options.columns else ""
     held = f" --hold-out {shlex.join(map(str, options.hold_out))}" if options.hold_out else ""
     motion = shlex.quote(str((options.hold_out or options.logs)[0]))
-    digest = content["robot"].get("sha256")
+    digest = content["robot"]["identity"]
     return (
         f"    hdagen diagnose {robot} {shlex.join(map(str, options.logs))}{held}{mapped}\n"
         f"    hdagen replay {robot} {motion}{mapped} --with diagnosis.json --out predicted.parquet\n"
         f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
-        + (f"The robot file's SHA-256 is {digest}. " if digest else "")
-        + "The same input gives the same diagnosis."
+        f"The robot's identity, of its numbers alone, is {digest}. The same input gives the same diagnosis."
     )
 
 

@@ -17,16 +17,23 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hdagen.children import start_together
+from hdagen.names import printable
 from hdagen.ownership import find_other_writer
 
 SCHEMA = 1
 PROFILES = ("portable", "native")
 LONGEST = 4096  # bytes of a path
 PATIENCE = 5.0  # s, that an interrupted build has to put its things away
+MOST_LINES = 200  # of what is said
 
 
 class PlantError(Exception):
-    """A build that cannot be made, loaded or called; one sentence a problem."""
+    """A build that cannot be made, loaded or called; one printable line a problem, of very many the first."""
+
+    def __init__(self, text: object) -> None:
+        lines = str(text).split("\n")
+        more = [f"{len(lines) - MOST_LINES} more are not listed: mend these first."] if len(lines) > MOST_LINES else []
+        super().__init__("\n".join([*(printable(line.expandtabs()) for line in lines[:MOST_LINES]), *more]))
 
 
 class Structured(Protocol):
@@ -114,6 +121,13 @@ def _refuse_others(path: Path) -> None:
             f"{path}: compiled code is not run from there, for {why}; possible is what only you and root may write, "
             "all the way up: take the right from others (chmod go-w), or name a folder of your own in $HDAGEN_BUILD."
         )
+
+
+def mended(robot: Path) -> tuple[float, tuple[float, ...]]:
+    """The step, s, and the widths of smooth friction by joint, rad/s, with which a robot.toml can be built: its own
+    where those will do. Raises PlantError where anything else is wrong with the file."""
+    said = json.loads("\n".join(_gen("mend", "--", os.fspath(robot))))
+    return said["step"], tuple(said["friction_smoothing"])
 
 
 def _gen(*arguments: str) -> list[str]:

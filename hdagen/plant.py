@@ -284,6 +284,11 @@ class Arm:
         return Carried.of(self)
 
     @property
+    def _memory_step(self) -> float:
+        """The step that the memories of effects are prepared for, s; inf where none is slowed to one."""
+        return self.parameters.get("memory_step", math.inf)
+
+    @property
     def stable_step(self) -> float:
         """The robot file's step, or the shorter one that springs and walls as the parameters say allow, s."""
         return self._most(None)
@@ -294,7 +299,7 @@ class Arm:
 
     def _most(self, most: float | None) -> float:
         """The longest step of a rollout with the parameters at hand, s."""
-        return min(self._size(most), self.carried.longest(self.p))
+        return min(self._size(most), self.carried.longest(self.p), self._memory_step)
 
     def _size(self, h: float | None) -> float:
         size = self.step_size if h is None else h
