@@ -66,6 +66,10 @@ def open_whole(path: Path) -> Iterator[BinaryIO]:
                 Path(file.name).unlink(missing_ok=True)
                 raise
         os.fsync(handle)  # the rename itself must reach the disk
+    except OSError as error:
+        if error.filename is None or is_part(Path(error.filename)):
+            error.filename = str(path)
+        raise
     finally:
         os.close(handle)
 

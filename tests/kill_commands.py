@@ -53,7 +53,7 @@ def prepare_diagnose(folder: Path) -> list[str]:
     arm = Arm(build(str(robot(folder)), "portable", Path(os.environ["HDAGEN_BUILD"]), NAMES)[0])
     sight, said, log, before, after = seen(arm, {"cable_spring@2": TRUTHS["cable_spring@2"][0]})
     held = Portion(log, blocks(log.time))
-    found = SimpleNamespace(content=said, before=before, after=after, held_out=held, sight=sight)
+    found = SimpleNamespace(content=said, before=before, after=after, held_out=held, sight=sight, left_out=())
     diagnosed.diagnose = lambda *_: found
     write(log, folder / "log.parquet")
     return ["diagnose", str(folder / "robot.toml"), str(folder / "log.parquet"), "--out", str(folder / "out")]
@@ -64,8 +64,18 @@ def robot(folder: Path) -> Path:
     return folder / "robot.toml"
 
 
+STAND_IN = (
+    test_fleet.STAND_IN.partition('(o.out / "diagnosis.json").write_text(json.dumps(found))')[0]
+    + """
+for name, text in (("diagnosis.json", json.dumps(found)), ("report.html", "<html></html>")):
+    (o.out / ".new").write_text(text)
+    os.replace(o.out / ".new", o.out / name)
+"""
+)
+
+
 def prepare_fleet(folder: Path) -> list[str]:
-    (folder / "stand_in.py").write_text(test_fleet.STAND_IN.replace('"a report"', '"<html></html>"'))
+    (folder / "stand_in.py").write_text(STAND_IN)
     os.environ["CALLS"] = str(folder / "calls")
     fleet.diagnose = partial(fleet.diagnose, command=(sys.executable, str(folder / "stand_in.py")))
     robot(folder)
