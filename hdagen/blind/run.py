@@ -24,7 +24,7 @@ from hdagen.blind.cases import Case, Robot, cases, robots
 from hdagen.blind.child import ChildError, ask, run
 from hdagen.blind.score import Row, judged
 from hdagen.log import LogError, read
-from hdagen.whole import write_whole
+from hdagen.whole import is_part, write_whole
 
 HDAGEN = (sys.executable, "-P", "-m", "hdagen")
 MOST_SECONDS = 600.0  # of a diagnosis
@@ -92,7 +92,7 @@ def _claim(asked: Check, closed: seal.Seal) -> None:
                 "name another folder with --out, or give the seed it was started with to go on."
             )
         return
-    if any(asked.out.iterdir()):
+    if not all(map(is_part, asked.out.iterdir())):
         raise BlindError(f"{asked.out}: is not empty and holds no check; name another folder with --out.")
     write_whole(path, json.dumps(mine, indent=1).encode())
 
