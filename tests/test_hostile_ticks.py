@@ -1,7 +1,8 @@
-"""Ticks of every controller under hostile inputs, calls and floating-point environments: a legal torque, whatever comes.
+"""Ticks of every controller under hostile inputs, calls and floating-point environments: a legal torque, always.
 
-Each tick runs in an environment drawn at random (rounding, traps, flags that stand, subnormal numbers flushed) and again
-in the default one: the torque, the status and every bit of the context are the same, and the environment is given back.
+Each tick runs in an environment drawn at random (rounding, traps, flags that stand, subnormal numbers flushed) and
+again in the default one: the torque, the status and every bit of the context are the same, and the environment is
+given back.
 """
 
 from __future__ import annotations
