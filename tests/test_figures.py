@@ -86,3 +86,12 @@ def test_the_command_prints_what_it_changed(
     assert text.startswith("before\n<!-- blind: begin -->\n| measured on |") and text.endswith("end -->\nafter\n")
     assert figures.main() == 0
     assert capsys.readouterr().out == ""
+
+
+def test_the_page_of_the_real_machine_says_the_same(found: dict[str, Any]) -> None:
+    text = (ROOT / "docs" / "examples" / "emps" / "README.md").read_text(encoding="utf-8")
+    (replayed,) = (line for line in text.splitlines() if line.startswith("| replay |"))
+    (forces,) = (line for line in text.splitlines() if line.startswith("| force error |"))
+    for log, cell in (("identification", 2), ("pulses", 3)):
+        assert replayed.split("|")[cell].strip() == f"{1e3 * found[log]['errors']['joint_position_1']:.3f} mm"
+        assert forces.split("|")[cell].strip().startswith(f"{100 * found[log]['force_error'][0]:.1f} %")
