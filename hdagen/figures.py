@@ -18,7 +18,7 @@ import numpy as np
 
 from hdagen.blind import rates
 from hdagen.paper import document
-from hdagen.whole import whole
+from hdagen.whole import write_whole
 
 SOURCES = {
     "bench": ("docs/bench.json", "hdagen bench --json"),
@@ -383,8 +383,8 @@ def main() -> int:
     for path in documents(root):
         text = path.read_text(encoding="utf-8")
         if (made := updated(text, found)) != text:
-            with whole(path, made.encode()):
-                print(path)
+            write_whole(path, made.encode())
+            print(path)
     return 0
 
 

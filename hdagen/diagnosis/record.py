@@ -22,7 +22,7 @@ from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, Rows, complete, mechanical
 from hdagen.repair import segments
-from hdagen.replay import _noise, driven_by, window_starts
+from hdagen.replay import _noise, driven_by, driving_channel, is_command, window_starts
 from hdagen.torques import torque_per_input
 
 QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
@@ -81,6 +81,11 @@ class Record:
         """What was measured in the rows that are looked at (S, M)."""
         return self.measured[self.rows[np.concatenate(self.looked)]]
 
+    def missed(self, seen: Array) -> Array:
+        """What was measured less what a model has the channels read, ``seen`` (…, S, M); no larger than the channel's
+        range: one that flies apart, or gives no number, is as wrong as one can be."""
+        return np.asarray(np.clip(np.where(np.isfinite(seen), self.told - seen, self.span), -self.span, self.span))
+
     @cached_property
     def span(self) -> Array:
         """Range of each channel (M)."""
@@ -95,6 +100,12 @@ class Record:
             seen = self.measured[self.rows[rows]]
             told.append(np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(seen, axis=0) != 0).sum(0))), seen.shape))
         return np.concatenate(told) * self.noise
+
+    @cached_property
+    def uncommanded(self) -> tuple[int, ...]:
+        """The joints whose commands are not logged: what was measured of their inputs is what acted."""
+        joints = range(1, self.log.n_joints + 1)
+        return tuple(j for j in joints if not is_command(driving_channel(self.log, j, "command") or ""))
 
     @property
     def edges(self) -> Rows:
