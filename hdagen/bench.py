@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -21,6 +19,7 @@ import numpy as np
 
 from hdagen.children import start_together
 from hdagen.control import Controller, Guard, Safe
+from hdagen.machine import describe_machine
 from hdagen.opening import find_builds
 from hdagen.plant import Arm, Array, PlantError, load
 from hdagen.readings import mechanical
@@ -81,6 +80,7 @@ class Bench:
 
 def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     """Measure; ``stage`` is told what begins. Raises PlantError where a build fails."""
+    machine = describe_machine()  # how busy it was before
     stage("building")
     native, portable = load("paper", profile="native"), load("paper")
     stage("CasADi's interpreter and C, in turns with ours")
@@ -99,7 +99,7 @@ def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     reached |= bars | accuracy | _builds(portable)
     timings = [_raced_timing(name, contest) for name, contest in raced.items()]
     timings += [_timing(name, values) for name, values in loops.items()]
-    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), _machine(native))
+    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), machine | _compiled(native))
 
 
 def _raced(rounds: int) -> dict[str, Any]:
@@ -146,24 +146,8 @@ def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
-def _machine(arm: Arm) -> dict[str, str]:
-    versions = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
-    versions.append(f"CasADi {importlib.metadata.version('casadi')}")
-    return {
-        "processor": _processor(),
-        "compiler": arm.manifest["compiler"],
-        "with": ", ".join(versions),
-        "batch": f"{arm.module.batch_width} lanes",
-    }
-
-
-def _processor() -> str:
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        text = ""
-    lines = (line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name"))
-    return next(lines, platform.machine())
+def _compiled(arm: Arm) -> dict[str, str]:
+    return {"compiler": arm.manifest["compiler"], "lanes": str(arm.module.batch_width)}
 
 
 # -- loops ------------------------------------------------------------------------------------------------------------
