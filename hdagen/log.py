@@ -14,7 +14,7 @@ from hdagen.columns import ColumnMap, ColumnsError, Mapped, Source, split_name
 from hdagen.csvfile import read_csv
 from hdagen.input_file import InputFileError, check_file
 from hdagen.matfile import read_mat
-from hdagen.names import list_some, printable, shown, shown_path
+from hdagen.names import list_nearest, list_some, printable, shown, shown_path
 from hdagen.stretches import stretches
 from hdagen.table import LogError, Table
 
@@ -162,12 +162,10 @@ def _count_joints(columns: Mapping[str, np.ndarray]) -> int:
 
 def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -> list[str]:
     """What a log needs: time, and per joint one current or torque and one position."""
-    problems = []
-    has = f"the file has {list_some(raw.names)}"
+    problems, lacking = [], list[str]()
     if mapped.time is None:
-        problems.append(
-            f"{path}: there is no column time; {has}: name it so, or say in columns.toml [time] from = which."
-        )
+        problems.append(f"{path}: there is no column time: name it so, or say in columns.toml [time] from = which.")
+        lacking.append("time")
     found = _count_joints(mapped.columns)
     if joints is not None and found > joints:
         problems.append(
@@ -176,16 +174,18 @@ def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -
         )
     wanted = found if joints is None else joints
     if wanted == 0:
-        problems.append(f"{path}: no column of any joint was found; {has}: map them with a columns.toml.")
+        problems.append(f"{path}: no column of any joint was found: map them with a columns.toml.")
+        lacking += [f"{base}_1" for base in (*_INPUTS, *_POSITIONS)]
     for joint in range(1, wanted + 1):
         for what, bases in (("current or torque", _INPUTS), ("position", _POSITIONS)):
             names = [f"{base}_{joint}" for base in bases]
             if not any(name in mapped.columns for name in names):
                 problems.append(
-                    f"{path}: joint {joint} has no {what}; one of {', '.join(names)} is needed and {has}: "
-                    "log it, or map it with a columns.toml."
+                    f"{path}: joint {joint} has no {what}; one of {', '.join(names)} is needed: log it, or map it with "
+                    "a columns.toml."
                 )
-    return problems
+                lacking += names
+    return [*problems, f"{path}: the file has {list_nearest(lacking, raw.names, 40)}."] if lacking else problems
 
 
 def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source: Source | None) -> list[str]:
