@@ -20,7 +20,7 @@ from hdagen.table import LogError, Table
 
 __all__ = ["ColumnsError", "Log", "LogError", "gaps", "read", "write"]
 
-_LARGEST = 16 << 30  # bytes of a file
+LARGEST = 4 << 30  # bytes of a file
 _FORMATS = (".csv", ".tsv", ".txt", ".parquet", ".mat")
 _INPUTS = ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque")
 _POSITIONS = ("motor_position", "joint_position")
@@ -141,7 +141,7 @@ def check_log(path: Path) -> None:
         possible = ", ".join(_FORMATS)
         raise LogError([f"{shown_path(path)}: no log ends in {shown(path.suffix)}; possible are {possible}."])
     try:
-        check_file(path, _LARGEST, "give the path of a log")
+        check_file(path, LARGEST, "give the path of a log")
     except InputFileError as error:
         raise LogError([str(error)]) from None
 

@@ -79,16 +79,22 @@ def run(options: argparse.Namespace) -> int:
 
     from hdagen.control import Controller, Guard, Safe
     from hdagen.log import write
-    from hdagen.plant import load
+    from hdagen.plant import PlantError, load
     from hdagen.simulate import Push, Sensors
     from hdagen.simulate import run as simulate
+    from hdagen.table import unwritable
 
+    if problems := unwritable(options.out):
+        raise PlantError("\n".join(f"--out {problem}" for problem in problems))
     if options.controller == "mpc":
         return _predictive(options)
+    if options.config:
+        raise PlantError("--config is of the predictive controller; take --controller mpc, or leave it out.")
+    gains = _gains(options.gain)
     arm = load(options.robot, profile=options.profile)
     damping = tuple(20 * j["drive"]["motor_inertia"]["nominal"] for j in arm.robot["joints"])  # motors stop in 1/20 s
     guard = Guard(Safe[options.safe.upper()], safe_damping=damping)
-    controller = Controller(arm, options.controller, guard, _gains(options.gain))
+    controller = Controller(arm, options.controller, guard, gains)
     path = _path(options, arm, controller.guard.period)
     pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
     with Progress(console=Console(stderr=True), transient=True) as bar:

@@ -213,7 +213,7 @@ def _infinite(content: Mapping[str, Any]) -> Iterator[str]:
 def _causes(content: Mapping[str, Any], source: str, problems: list[str]) -> dict[tuple[str, int], Any]:
     """Parameters of every cause by effect and joint."""
     causes = content.get("causes", [])
-    found = {}
+    found: dict[tuple[str, int], Any] = {}
     if not isinstance(causes, list):
         problems.append(f"{source}, causes: found {shown(causes)}, possible is a list of objects; diagnose again.")
         return found
