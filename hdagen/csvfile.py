@@ -98,6 +98,7 @@ def _check_rows(path: Path, width: int, wanted: int) -> None:
             return
         file.seek(0)
         ends = b"\n" if b"\n" in file.read(_HEAD) else b"\r"
+        file.seek(0)
         rows = sum(block.count(ends) for block in iter(lambda: file.read(1 << 22), b""))
     check_cells(path, rows, wanted)
 
@@ -162,9 +163,10 @@ def _refuse_foreign(path: Path, head: bytes) -> None:
         what = "nothing but zero bytes, as a crash leaves them: copy it again"
     if what is None and not head.strip():
         what = "empty: record it again, or copy it again"
-    if what is None and b"\0" in head[:4096]:  # UTF-16 without its mark has a zero in every other byte
+    begin = head[:4096].rstrip(b"\0")  # zeros at the end are told of where the rows are
+    if what is None and b"\0" in begin:  # UTF-16 without its mark has a zero in every other byte
         what = "binary, not text; possible are CSV text, .parquet and .mat: export it as one of these"
-        if head[:4096].count(b"\0") > 0.3 * len(head[:4096]):
+        if begin.count(b"\0") > 0.3 * len(begin):
             what = "UTF-16 text; possible is UTF-8: iconv -f UTF-16LE -t UTF-8 old.csv > new.csv converts it"
     if what is not None:
         raise LogError([f"{path}: the file is {what}."])

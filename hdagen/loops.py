@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from hdagen.control import Controller
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference, fitting, posture
-from hdagen.simulate import Push, Sensors, errors, forces
+from hdagen.simulation import Push, Sensors, errors, forces
 from hdagen.torques import torque_per_input
 
 LATEST = 16  # ticks of delay, as the library holds them

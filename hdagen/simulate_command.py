@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hdagen.control import Controller
     from hdagen.plant import Arm
     from hdagen.reference import Reference
-    from hdagen.simulate import Simulation
+    from hdagen.simulation import Simulation
 
 EXAMPLE = """example:
   hdagen simulate paper --controller admittance_cartesian --push 3 4 15 0 --push 6 7 0 15 --gain stiffness_x=800 --out
@@ -80,8 +80,8 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.control import Controller, Guard, Safe
     from hdagen.log import write
     from hdagen.plant import PlantError, load
-    from hdagen.simulate import Push, Sensors
-    from hdagen.simulate import run as simulate
+    from hdagen.simulation import Push, Sensors
+    from hdagen.simulation import run as simulate
     from hdagen.table import unwritable
 
     if problems := unwritable(options.out):
@@ -130,7 +130,7 @@ def _predictive(options: argparse.Namespace) -> int:
     from hdagen.mpc.simulated import lines, simulated
     from hdagen.plant import PlantError, load
     from hdagen.reference import to_joints
-    from hdagen.simulate import Push, Sensors
+    from hdagen.simulation import Push, Sensors
 
     c = read(options.config) if options.config else Configuration()
     if options.gain:
@@ -170,7 +170,7 @@ def _gains(given: list[str]) -> dict[str, float]:
 def _figures(arm: Arm, controller: Controller, path: Reference, result: Simulation) -> dict[str, Any]:
     import numpy as np
 
-    from hdagen.simulate import ideal
+    from hdagen.simulation import ideal
 
     cartesian = "mass_x" in controller.gains
     goal = path.position + (ideal(arm, controller, result.push, path.period) if cartesian else 0.0)
