@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -21,6 +19,7 @@ import numpy as np
 
 from hdagen.children import start_together
 from hdagen.control import Controller, Guard, Safe
+from hdagen.machine import describe_machine
 from hdagen.opening import find_builds
 from hdagen.plant import Arm, Array, PlantError, load
 from hdagen.readings import mechanical
@@ -83,6 +82,7 @@ class Bench:
 def bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> Bench:
     """Measure; ``stage`` is told what begins. Of another robot than `ROBOT` the times alone: the bars are of that one.
     Raises PlantError where a build fails."""
+    machine = describe_machine()  # how busy it was before
     stage("building")
     native = load(robot, profile="native")
     stage("CasADi's interpreter and C, in turns with ours")
@@ -98,12 +98,12 @@ def bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> Benc
     timings = [_raced_timing(name, contest) for name, contest in raced.items()]
     timings += [_timing(name, values) for name, values in loops.items()]
     if robot != ROBOT:
-        return Bench(tuple(timings), (), _machine(native))
+        return Bench(tuple(timings), (), machine | _compiled(native))
     stage("accuracy")
     accuracy = _accuracy(rounds)
     stage("building from nothing")
     reached |= bars | accuracy | _builds(load(ROBOT))
-    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), _machine(native))
+    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), machine | _compiled(native))
 
 
 def _raced(robot: str, rounds: int) -> dict[str, Any]:
@@ -150,24 +150,8 @@ def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
-def _machine(arm: Arm) -> dict[str, str]:
-    versions = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
-    versions.append(f"CasADi {importlib.metadata.version('casadi')}")
-    return {
-        "processor": _processor(),
-        "compiler": arm.manifest["compiler"],
-        "with": ", ".join(versions),
-        "batch": f"{arm.module.batch_width} lanes",
-    }
-
-
-def _processor() -> str:
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        text = ""
-    lines = (line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name"))
-    return next(lines, platform.machine())
+def _compiled(arm: Arm) -> dict[str, str]:
+    return {"compiler": arm.manifest["compiler"], "lanes": str(arm.module.batch_width)}
 
 
 # -- loops ------------------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from hdagen.table import LogError, Table
 
 __all__ = ["ColumnsError", "Log", "LogError", "gaps", "read", "write"]
 
-_LARGEST = 16 << 30  # bytes of a file
+LARGEST = 4 << 30  # bytes of a file
 _FORMATS = (".csv", ".tsv", ".txt", ".parquet", ".mat")
 _INPUTS = ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque")
 _POSITIONS = ("motor_position", "joint_position")
@@ -107,7 +107,7 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     ignored = [name for name in raw.names if name and not mapping.reads(name)]
     if ignored:
         notes.append(f"Columns not used: {list_some(ignored, 12)}.")
-    notes += _gap_notes(time, raw, mapped.start)
+    notes += _gap_notes(time, raw, part)
     said = tuple(printable(note) for note in (*raw.notes, *mapped.notes, *notes))
     return Log(time, values, _count_joints(values), printable(path), said)
 
@@ -141,7 +141,7 @@ def check_log(path: Path) -> None:
         possible = ", ".join(_FORMATS)
         raise LogError([f"{shown_path(path)}: no log ends in {shown(path.suffix)}; possible are {possible}."])
     try:
-        check_file(path, _LARGEST, "give the path of a log")
+        check_file(path, LARGEST, "give the path of a log")
     except InputFileError as error:
         raise LogError([str(error)]) from None
 
@@ -236,7 +236,9 @@ def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[s
     for name, values in mapped.columns.items():
         part = values[mapped.start : mapped.stop]
         bad = np.flatnonzero(~np.isfinite(part)) + mapped.start
-        if len(bad) and not holes:
+        if len(bad) and len(bad) == len(part) and not holes:
+            problems.append(f'{path}: column {name} has no value in any row: leave it out with ignore = ["{name}"].')
+        elif len(bad) and not holes:
             longest = int(np.diff(stretches(~np.isfinite(part))).max())
             problems.append(
                 f"{path}, {raw.place(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to {longest} "
@@ -252,7 +254,8 @@ def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[s
     return problems
 
 
-def _gap_notes(time: np.ndarray, raw: Table, start: int) -> list[str]:
+def _gap_notes(time: np.ndarray, raw: Table, rows_of: np.ndarray) -> list[str]:
+    """What is missing in ``time`` (T,), whose rows are ``rows_of`` (T,) of the file."""
     rows, missing = gaps(time)
     if not len(rows):
         return []
@@ -260,5 +263,5 @@ def _gap_notes(time: np.ndarray, raw: Table, start: int) -> list[str]:
     share = 100 * missing.sum() / (len(time) + missing.sum())
     return [
         f"{missing.sum()} sample(s) are missing in {len(rows)} gap(s), {share:.2g} % of the log; "
-        f"the longest is {time[k + 1] - time[k]:.4g} s after {raw.place(k + start)}."
+        f"the longest is {time[k + 1] - time[k]:.4g} s after {raw.place(int(rows_of[k]))}."
     ]

@@ -18,7 +18,7 @@ from hdagen.control import Controller
 from hdagen.names import list_nearest
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference, fitting, posture
-from hdagen.simulate import Push, Sensors, errors, forces
+from hdagen.simulation import Push, Sensors, errors, forces
 from hdagen.torques import torque_per_input
 
 LATEST = 16  # ticks of delay, as the library holds them

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,8 @@ def _explain(options: argparse.Namespace) -> int:
         )
     record = read(options.log)
     out = options.out or options.log.with_suffix(".html")
+    if not os.path.isdir(out.absolute().parent) or os.path.isdir(out):
+        raise PlantError(f"--out {out}: give the path of a file in a folder that exists, such as ticks.html.")
     try:
         write(out, options.log.name, record)
     except OSError as error:

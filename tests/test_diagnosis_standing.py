@@ -12,7 +12,7 @@ import pytest
 from hdagen.diagnosis import standing
 from hdagen.diagnosis.decide import Decision, Hypothesis
 from hdagen.diagnosis.portion import Portion
-from hdagen.diagnosis.standing import ABOVE, MOST, _closes, borne_out, doubted, known, outsized, worst
+from hdagen.diagnosis.standing import ABOVE, MOST, _closes, borne_out, doubted, known, outsized, stands, worst
 from hdagen.log import Log
 from hdagen.replay import Replay
 
@@ -114,6 +114,32 @@ def test_a_verdict_that_closes_nothing_where_it_is_said_to_be_is_unknown(monkeyp
     assert doubted(given, given.verdict, replay(FAR), left(0.1, 1.0), HELD, seen)[0].verdict == ("unknown@2",)
     assert doubted(given, given.verdict, replay(FAR), left(1.0, 0.1), HELD, seen) == (given, None)
     assert doubted(given, (), replay(FAR), replay(FAR), HELD, seen) == (given, None)  # none is said: it was withdrawn
+
+
+@pytest.mark.parametrize("named", [0.5, 0.99, 1.0, 1.005, 2.0])
+@pytest.mark.parametrize("based", [0.5, 1.0, 2.0])
+def test_what_is_said_never_leaves_more_than_the_robot_file(named: float, based: float) -> None:
+    """Whatever effect and base parameters leave together, and the effect alone, in shares of what there was."""
+    content: dict[str, Any] = {
+        "schema": 1,
+        "verdict": ["payload@2"],
+        "causes": [{"effect": "payload", "joint": 2, "parameters": {"payload": {"value": 1.0}}}],
+        "parameters": {"mass_1": {"value": 2.0}},
+        "sure": True,
+        "where": [],
+    }
+    plain: Any = "robot file"
+    both: Any = "all effects"
+
+    def counted(_: Any, said: Any) -> Replay:
+        return left(named * based, named * based) if said.base else left(named, named)
+
+    model, after = stands(plain, both, content, replay(FAR), HELD, left(0.1, 0.1), counted)
+    gap = content["gap"]
+    assert gap["after"] <= gap["before"] and gap["achievable"] <= min(gap["after"], gap["flexible"])
+    assert gap["after"] == pytest.approx(after.gap, rel=1e-9)
+    assert (model is both) == (content["verdict"] == ["payload@2"]) == (min(named, named * based) < 1.0)
+    assert (gap["after"] == gap["before"]) == (model is plain)
 
 
 def strange(probability: float) -> Decision:
