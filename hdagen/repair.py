@@ -10,7 +10,7 @@ candidates.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -83,7 +83,7 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
         raise LogError(list(dict.fromkeys(problems)))
     repairs += _gaps(log)
     notes = (*log.notes, *(one.sentence for one in repairs))
-    return Log(log.time, log.columns, log.n_joints, log.source, tuple(dict.fromkeys(notes))), repairs, seen
+    return replace(log, notes=tuple(dict.fromkeys(notes))), repairs, seen
 
 
 def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[list[Log], list[Log], dict[str, Any]]:
@@ -106,7 +106,9 @@ def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[li
         raise LogError(problems)
     seen = [one for _, _, one in done if one]
     of_first = seen[0].data()
-    said = {name: of_first[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
+    said = {
+        name: of_first[name] for name in ("rows", "jitter", "clock", "dropped", "gaps", "lags", "missing", "channels")
+    }
     said["skews"] = list(
         dict.fromkeys(f.sentence for one in seen[: len(logs)] for f in one.findings if f.name == "skew")
     )
@@ -228,9 +230,8 @@ def _applied(log: Log, mended: list[Finding]) -> Log:
                 tables.setdefault(column, {}).update(table)
     mapping = columns_toml.check(tables, Path("columns.toml"))
     mapped = mapping.apply(Table({"time": log.time, **log.columns}, ("time", *log.columns), None, ()))
-    rows = slice(mapped.start, mapped.stop)
-    columns = {name: np.ascontiguousarray(values[rows]) for name, values in mapped.columns.items()}
-    return Log(log.time[rows], columns, log.n_joints, log.source, log.notes)
+    whole = replace(log, columns=mapped.columns).rows(mapped.start, mapped.stop)
+    return replace(whole, columns={name: np.ascontiguousarray(values) for name, values in whole.columns.items()})
 
 
 def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
@@ -247,7 +248,7 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     for name in columns:
         bad |= missing[name]
     if not bad.any():
-        return (Log(log.time, columns, log.n_joints, log.source, log.notes) if empty else log), repairs
+        return (replace(log, columns=columns) if empty else log), repairs
     first, after = stretches(bad).T
     lengths = after - first
     where = ", ".join(name for name in columns if missing[name].any())
@@ -257,11 +258,9 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     )
     if np.mean(bad) > _LOST or np.count_nonzero(~bad) < 2:
         raise LogError([f"{log.source}: {says}: too many; record with a logger that keeps up, or cut the log there."])
-    kept = ~bad
     sentence = f"{says}: these rows are taken out, and long runs cut the log; record with a logger that keeps up."
     repairs.append(Repair("missing", 0, sentence))
-    columns = {name: values[kept] for name, values in columns.items()}
-    return Log(log.time[kept], columns, log.n_joints, log.source, log.notes), repairs
+    return replace(log, columns=columns).taken(~bad), repairs
 
 
 def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
@@ -276,8 +275,7 @@ def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
         )
     taken = "these rows are taken out; look at what the logger wrote there."
     repairs = [Repair(one.name, one.joint, f"{one.sentence}: {taken}") for one in found]
-    columns = {name: values[~bad] for name, values in log.columns.items()}
-    return Log(log.time[~bad], columns, log.n_joints, log.source, log.notes), repairs
+    return log.taken(~bad), repairs
 
 
 def _too_little(log: Log, seen: Triage) -> list[str]:
