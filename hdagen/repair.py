@@ -30,6 +30,7 @@ from hdagen.triage import Triage, look
 
 SHORTEST = 1.0  # s
 _MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # findings whose repair leaves no choice
+_CONTRADICTED = "contradicted"  # a finding that is no more than a warning, and is repaired too
 _ROUNDS = 4  # one mistake can hide another
 _EMPTY = 0.5  # share of a column without a value from which the column is left out, not the rows
 _LOST = 0.1  # share of rows that may be missing
@@ -74,7 +75,7 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
         if not mended:
             break
         log = _applied(log, mended)
-        repairs += [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
+        repairs += _said(mended)
     else:
         seen = look(log, arm.robot)
     problems = [f"{log.source}: {f.sentence}" for f in findings if f.severity is Severity.REFUSE]
@@ -84,6 +85,15 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     repairs += _gaps(log)
     notes = (*log.notes, *(one.sentence for one in repairs))
     return replace(log, notes=tuple(dict.fromkeys(notes))), repairs, seen
+
+
+def without_contradictions(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """``log`` without channels that contradict another one, or with those scaled where the factor is plain, and what
+    was done."""
+    if not any("_velocity_" in name for name in log.columns):
+        return log, []
+    found = [finding for finding in look(log, arm.robot).findings if finding.name == _CONTRADICTED]
+    return (_applied(log, found), _said(found)) if found else (log, [])
 
 
 def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[list[Log], list[Log], dict[str, Any]]:
@@ -213,10 +223,16 @@ def _mendable(findings: list[Finding]) -> list[Finding]:
     """The findings whose repair leaves no choice, one a column: several things can tell the same mistake."""
     found: dict[str, Finding] = {}
     for finding in findings:
-        if finding.severity is Severity.REFUSE and finding.name in _MENDED and finding.repair:
+        refused = finding.severity is Severity.REFUSE and finding.name in _MENDED
+        if finding.repair and (refused or finding.name == _CONTRADICTED):
             for column in finding.repair:
                 found.setdefault(column if column != "ignore" else finding.sentence, finding)
     return list(dict.fromkeys(found.values()))
+
+
+def _said(mended: list[Finding]) -> list[Repair]:
+    """What was done to mend them."""
+    return [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
 
 
 def _applied(log: Log, mended: list[Finding]) -> Log:

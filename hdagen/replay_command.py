@@ -69,6 +69,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.closed_loop import closed_loop, read_controller
     from hdagen.log import ColumnsError, LogError, read, write
     from hdagen.plant import PlantError, load
+    from hdagen.repair import without_contradictions
     from hdagen.replay import WINDOW, replay
 
     problems = _conflicts(options)
@@ -84,7 +85,9 @@ def run(options: argparse.Namespace) -> int:
     except ColumnsError as error:
         print(error, file=sys.stderr)
         return USAGE
+    measured, mended = without_contradictions(measured, arm)
     notes, refusals = look(arm, measured)
+    notes += [one.sentence for one in mended]
     if refusals:
         print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)
         return UNUSABLE

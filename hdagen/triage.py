@@ -181,7 +181,7 @@ def _suspect(
     findings += positions.swapped_encoders(log, channels, sound)
     for joint in _sound(log, findings, ("wrapped", "jump", "swapped")):
         findings += positions.encoders(log, channels, machine, joint)
-        findings += positions.rates(log, channels, joint) + positions.reference(log, channels, joint)
+        findings += positions.rates(log, channels, machine, joint) + positions.reference(log, channels, joint)
     moving = effort.motion(
         log, channels, machine.ratios, _sound(log, findings, ("wrapped", "jump", "swapped", "degrees"))
     )
