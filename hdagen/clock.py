@@ -22,8 +22,11 @@ FINITE = 0.5  # share of values that a channel must have
 SURE = 4.0  # standard errors by which a clock must be better, or an uncertainty above nothing
 ACROSS = 6, 20  # rows to each side of one that may be missing: few part two that are near, many see through jitter
 FLOOR = 1e-3  # of a usual window's scatter, below which it is not counted
-WORTH = 0.3  # of a sensor's variance, that what is off in time must add to count
+WORTH = 1.0  # of a sensor's variance, that what is off in time must add to count
+SOUND = 0.9  # share of windows that must tell of the clock, else a channel says nothing of it
 CUT = 20.0  # times the usual scatter, from where a window tells of something else
+SLIGHT = 1e-3  # of a period: less is no jitter
+FOLLOWING = 0.5  # correlation of an instant's error with the one before, from where errors last
 REPEATS = 0.1  # share of stamps that repeat the one before, from where a clock is coarse
 LONG_PAUSE = 2.5  # periods between two rows of a window at most
 
@@ -64,12 +67,14 @@ def judge_clock(stamps: np.ndarray, positions: Mapping[str, np.ndarray]) -> Cloc
         path = np.stack(channels, 1)
         windows = windows[np.isfinite(path[windows[:, None] + np.arange(WIDTH)]).all((1, 2))]
     if len(windows) < FEWEST or not channels:
-        return Clock(stamps)
+        return _by_stamps_alone(stamps, even)
     rows = windows[:, None] + np.arange(WIDTH)
     seen = path[rows]
     stamped, counted = _scatter(stamps[rows], seen), _scatter(even[rows], seen)
     is_even = _smoother(counted[0], stamped[0])
-    uncertainty = _uncertainty(*(counted if is_even else stamped))
+    if not is_even and not _smoother(stamped[0], counted[0]):
+        is_even = _jitters(stamps, even)
+    uncertainty = _uncertainty(*(counted if is_even else stamped), 0.5 * _period(even))
     jitter = float(np.std(stamps - even))
     left = f"; what is left of {1e6 * uncertainty:.3g} us counts as noise" if uncertainty else ""
     if is_even:
@@ -81,6 +86,25 @@ def judge_clock(stamps: np.ndarray, positions: Mapping[str, np.ndarray]) -> Cloc
         return Clock(even, uncertainty, note)
     note = f"The encoders' paths stray as if stamps were off by {1e6 * uncertainty:.3g} us, which counts as noise."
     return Clock(stamps, uncertainty, note if uncertainty else "")
+
+
+def _by_stamps_alone(stamps: np.ndarray, even: np.ndarray) -> Clock:
+    """The clock of a log whose encoders tell nothing."""
+    if not _jitters(stamps, even):
+        return Clock(stamps)
+    note = (
+        f"The stamps jitter by {1e6 * float(np.std(stamps - even)):.3g} us about an even period of "
+        f"{1e3 * _period(even):.4g} ms, which is taken: nothing moves by which to judge."
+    )
+    return Clock(even, 0.0, note)
+
+
+def _jitters(stamps: np.ndarray, even: np.ndarray) -> bool:
+    """Whether stamps stray from even instants each by itself, as a logger's do: a machine that is late stays late."""
+    off = stamps - even - np.mean(stamps - even)
+    if len(off) < FEWEST or float(np.std(off)) < SLIGHT * _period(even):
+        return False
+    return float(off[1:] @ off[:-1]) < FOLLOWING * float(off @ off)
 
 
 def spread_repeated(stamps: np.ndarray) -> Clock | None:
@@ -192,12 +216,16 @@ def _smoother(one: np.ndarray, other: np.ndarray) -> bool:
     return float(ratios.mean()) < -SURE * error and error > 0
 
 
-def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray) -> float:
+def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray, most: float) -> float:
     """Standard deviation of an instant, s: the root of how the scatter (K, M) grows with the squared speed; 0 where
-    that is not sure, or little beside what the sensors scatter by themselves."""
+    that is not sure, little beside what the sensors scatter by themselves, or above ``most``, which is no clock's."""
     slopes, errors, shares = [], [], []
     for s2, v2 in zip(variance.T, squared_speed.T, strict=True):
-        good = s2 < CUT * max(float(np.mean(s2)), np.finfo(float).tiny)
+        usual = max(float(np.quantile(s2, 0.1)), 1e-3 * float(np.median(s2)), np.finfo(float).tiny)
+        good = (s2 < CUT * usual) | (s2 < v2 * most**2)
+        if np.mean(good) < SOUND:
+            continue
+        good &= v2 <= np.quantile(v2, SOUND)  # what is wrong now and then is fast, and would tell alone
         X = np.column_stack([np.ones(np.count_nonzero(good)), v2[good]])
         weight = np.ones(len(X))
         for _ in range(4):  # the scatter of a variance goes with its size
@@ -210,10 +238,10 @@ def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray) -> float:
         if error > 0 and np.isfinite(error):
             slopes.append(slope)
             errors.append(error)
-            shares.append(slope * float(np.mean(v2)) / max(float(level), np.finfo(float).tiny))
+            shares.append(slope * float(np.mean(v2[good])) / max(float(level), np.finfo(float).tiny))
     if not slopes:
         return 0.0
     weights = 1.0 / np.array(errors) ** 2
     mean = float(np.average(slopes, weights=weights))
-    sure = mean > SURE / float(np.sqrt(weights.sum())) and max(shares) > WORTH
+    sure = SURE / float(np.sqrt(weights.sum())) < mean < most**2 and max(shares) > WORTH
     return float(np.sqrt(mean)) if sure else 0.0

@@ -22,7 +22,7 @@ from hdagen.columns import split_name
 from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
 from hdagen.stretches import stretches
-from hdagen.suspicion import against_model
+from hdagen.suspicion import against_model, drift
 from hdagen.suspicion.finding import Finding, Severity, in_words
 from hdagen.suspicion.misread import misread
 from hdagen.table import Table
@@ -82,18 +82,37 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     problems += _too_little(log, seen)
     if problems:
         raise LogError(list(dict.fromkeys(problems)))
-    repairs += _gaps(log)
+    log, drifting = _on_one_clock(log, arm)
+    repairs += drifting + _gaps(log)
     notes = (*log.notes, *(one.sentence for one in repairs))
     return replace(log, notes=tuple(dict.fromkeys(notes))), repairs, seen
 
 
-def without_contradictions(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
-    """``log`` without channels that contradict another one, or with those scaled where the factor is plain, and what
-    was done."""
-    if not any("_velocity_" in name for name in log.columns):
-        return log, []
-    found = [finding for finding in look(log, arm.robot).findings if finding.name == _CONTRADICTED]
-    return (_applied(log, found), _said(found)) if found else (log, [])
+def as_measured(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """``log`` as a replay with ``arm`` can use it, and what was done: without channels that contradict another one, or
+    with those scaled where the factor is plain, and with the encoders of each joint on one clock."""
+    repairs: list[Repair] = []
+    if any("_velocity_" in name for name in log.columns):
+        found = [finding for finding in look(log, arm.robot).findings if finding.name == _CONTRADICTED]
+        log, repairs = (_applied(log, found), _said(found)) if found else (log, [])
+    log, drifting = _on_one_clock(log, arm)
+    return log, repairs + drifting
+
+
+def _on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """The log with what a joint's own encoder reads brought to its motor's clock, where the two drift apart."""
+    repairs = []
+    ratios = [joint["drive"]["ratio"]["nominal"] for joint in arm.robot["joints"]]
+    for joint, rate in drift.drifts(log, ratios).items():
+        log = drift.on_motor_clock(log, joint, rate)
+        over = 1e3 * abs(rate) * float(np.ptp(log.time))
+        ever = "ever later" if rate > 0 else "ever earlier"
+        sentence = (
+            f"joint_position_{joint} is read {ever} than motor_position_{joint}, by {over:.3g} ms over the log: two "
+            f"clocks, {1e6 * abs(rate):.3g} ppm apart. Read here on the motor's; record both on one clock."
+        )
+        repairs.append(Repair("drift", joint, sentence))
+    return log, repairs
 
 
 def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[list[Log], list[Log], dict[str, Any]]:

@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.closed_loop import closed_loop, read_controller
     from hdagen.log import ColumnsError, LogError, read, write
     from hdagen.plant import PlantError, load
-    from hdagen.repair import without_contradictions
+    from hdagen.repair import as_measured
     from hdagen.replay import WINDOW, replay
 
     problems = _conflicts(options)
@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
     except ColumnsError as error:
         print(error, file=sys.stderr)
         return USAGE
-    measured, mended = without_contradictions(measured, arm)
+    measured, mended = as_measured(measured, arm)
     notes, refusals = look(arm, measured)
     notes += [one.sentence for one in mended]
     if refusals:

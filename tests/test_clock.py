@@ -83,13 +83,28 @@ def test_what_no_clock_mends_is_known_as_noise(period: float) -> None:
     assert "which counts as noise" in clock.note
 
 
-def test_a_motion_that_says_nothing_leaves_the_stamps() -> None:
+def test_where_nothing_moves_the_stamps_alone_tell() -> None:
+    rng = np.random.default_rng(1)
     true = rows(1e-3)
-    stamps = true + 2e-5 * np.random.default_rng(1).standard_normal(len(true))
-    assert judge_clock(stamps, {"joint_position_1": np.zeros(len(true))}).time is stamps
-    assert judge_clock(stamps, {}).time is stamps
-    holes = {"joint_position_1": np.full(len(true), np.nan)}
-    assert judge_clock(stamps, holes).time is stamps
+    stamps = true + 2e-5 * rng.standard_normal(len(true))
+    still = {"joint_position_1": np.zeros(len(true)), "joint_position_2": np.full(len(true), np.nan)}
+    for positions in (still, {}):
+        clock = judge_clock(stamps, positions)
+        assert off(clock, true) < 1e-6 and "nothing moves by which to judge" in clock.note
+    late = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, len(true)))  # a row that is late makes all that follow late
+    rounded = np.round(true, 6)
+    assert judge_clock(late, still).time is late and judge_clock(rounded, still).time is rounded
+
+
+def test_nonsense_in_an_encoder_is_no_clocks() -> None:
+    true = rows(1e-3)
+    for share in (0.1, 0.5, 0.9, 1.0):
+        spoilt = paths(true)
+        first = round(len(true) * (1 - share))
+        for values in spoilt.values():
+            values[first:] = np.std(values) * np.random.default_rng(0).standard_normal(len(values) - first)
+        clock = judge_clock(true, spoilt)
+        assert clock.time is true and clock.uncertainty == 0.0
 
 
 @pytest.mark.parametrize(("period", "coarse"), [(1.5e-3, 1e-3), (1e-3, 2e-3), (2e-3, 1e-2), (1e-3, 1e-2)])
