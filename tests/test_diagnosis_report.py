@@ -16,6 +16,7 @@ import chromium
 import numpy as np
 import pytest
 from compiled import Compiled
+from hostile_names import NAME, check_escaped
 from replayed import FLEXIBLE, RIGID, simulated
 
 from gen.effects import ALL
@@ -112,7 +113,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
             "held_out": BLOCKS,
             "notes": ["a note <b>"],
             "warnings": ["a warning"],
-            "repaired": ["a repair"],
+            "repaired": [{"log": "log.csv", "name": "wrap", "joint": 1, "what": "a repair"}],
             "missing": ["joint_torque_1 is not logged"],
             "channels": {"motor_position_1": {"low": -1.0, "high": 1.0, "noise": 1e-3, "step": 0.0}},
             "lags": {"motor_current_1": 1e-3},
@@ -144,7 +145,14 @@ def seen(
         for name in before.errors
         if before.noise[name]
     }
-    said["gap"] = {"before": before.gap, "after": after.gap, "floor": 1.0, "achievable": 1.1, "shrink": 0.95}
+    said["gap"] = {
+        "before": before.gap,
+        "after": after.gap,
+        "floor": 1.0,
+        "flexible": 1.2,
+        "achievable": 1.1,
+        "shrink": 0.95,
+    }
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
     sight = look(arm, said, log, before, after)
     said["where"] = where(sight, said, np.ones(len(sight.log), bool))
@@ -388,13 +396,25 @@ def test_every_effect_of_a_group_exists() -> None:
 # -- the page ---------------------------------------------------------------------------------------------------------
 
 
-def write(all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, path: Path) -> str:
+def write(
+    all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, path: Path, again: str = "    hdagen diagnose"
+) -> str:
     sight, said, log, before, after = all_
     held_out = Portion(log, blocks(log.time))
     held = SimpleNamespace(content=said, before=before, after=after, held_out=held_out)
     held.sight = sight
-    report.write(held, path, "    hdagen diagnose")  # type: ignore[arg-type]
+    report.write(held, path, again)  # type: ignore[arg-type]
     return path.read_text(encoding="utf-8")
+
+
+def test_names_that_are_html_are_text(arm: Arm, tmp_path: Path) -> None:
+    all_ = seen(arm, {"cable_spring@2": TRUTHS["cable_spring@2"][0]})
+    _, said, *_ = all_
+    said["robot"]["name"] = said["data"]["log"] = NAME
+    for kind in ("notes", "warnings", "repaired", "missing"):
+        said["data"][kind] = [f"column {NAME} is read as motor_position_1"]
+    write(all_, arm, tmp_path / "report.html", f"    hdagen diagnose {NAME} {NAME}")
+    check_escaped((tmp_path / "report.html").read_text(encoding="utf-8"), 6)
 
 
 @pytest.mark.parametrize(
@@ -505,7 +525,7 @@ def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) ->
 
 
 def test_a_parameter_that_the_data_say_nothing_of_is_marked(arm: Arm, tmp_path: Path) -> None:
-    all_ = seen(arm, {"cable_spring@2": {"cable_stiffness": 10.0}}, base={"mass_2": 1.02})
+    all_ = seen(arm, {"cable_spring@2": {"cable_stiffness": 10.0}}, base={"mass_2": 2.502})
     q = arm.parameters.described["mass_2"]
     all_[1]["parameters"]["mass_2"]["std"] = q.tolerance * q.nominal
     page = write(all_, arm, tmp_path / "report.html")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from compiled import Compiled
+from hostile_names import NAME, check_escaped
 
 from hdagen.__main__ import INTERRUPTED, USAGE, main
 from hdagen.log import read
@@ -162,6 +163,22 @@ def test_every_kind_of_part_is_drawn_and_stands_on_the_page(tmp_path: Path) -> N
     for words in ("All kinds", "it says", "&lt;why", "settling", "Errata", "K_w0 e^"):
         assert words in html, words
     assert "<why>" not in html
+
+
+@needs_matplotlib
+def test_words_that_are_html_are_text(tmp_path: Path) -> None:
+    t = np.linspace(0, 1, 50)
+    parts = [
+        Axes(NAME, NAME, NAME, [Curve(NAME, t, t), Curve(f"{NAME}2", t, t, "points")], bands=[(0.2, 0.4, NAME)]),
+        Axes(NAME, NAME, NAME, [Curve(NAME, t, t)], equal=True, marks=[(0.2, 0, NAME)]),
+        Map(NAME, NAME, NAME, NAME, [1, 2, 4], [1, 10, 100], [[1, np.nan], [3, 4]]),
+        Grid(NAME, (NAME, "b"), [(NAME, 1.5)]),
+    ]
+    result = Result("fig0", NAME, NAME, parts, [Claim(NAME, NAME, True, NAME)], {NAME: 1.0}, 3)
+    target = page.write(tmp_path, [store.put(tmp_path, result, "k", 0.0)], store.sections(tmp_path, ["fig0"]))
+    check_escaped(target.read_text(encoding="utf-8"), 10)
+    svg = (tmp_path / "fig0.svg").read_text(encoding="utf-8")
+    assert "<script" not in svg and "<img" not in svg
 
 
 def test_what_is_not_from_the_same_or_not_whole_is_made_again(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ KEPT = 0.25  # of what a step promises in the linear model, from which it is far
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 FAR = 2.0  # of what noise leaves of a window in the mean, from which it is
 BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
+FRICTION = "coulomb_friction"  # which does, too
 ENOUGH = 0.1  # of log evidence that a step must bring, or promise, for another one
 
 
@@ -156,7 +157,7 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
         if c.atom in fit.atoms and c.atom not in atoms:
             most = TOLERATED * c.spike * abs(c.unit)
             p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
-    point = Point(p, fit.design.point.begun)
+    point = Point(fit.design.shooting.arm.parameters.within(p), fit.design.point.begun)
     return _there(fit.design.shooting, words, atoms, point, fit.score.at.s, fit.clean)
 
 
@@ -256,7 +257,8 @@ def widths(at: Design, free: NDArray[np.intp], point: Point) -> Array:
     large, if that is more than usual, as those come in all orders of magnitude."""
     prior = at.words.spike
     described = list(at.shooting.arm.parameters.described.values())
-    broad = np.array([described[at.words.columns[k].index].unit.endswith(BROAD) for k in free], bool)
+    units = [described[at.words.columns[k].index] for k in free]
+    broad = np.array([q.unit.endswith(BROAD) or q.name.startswith(FRICTION) for q in units], bool)
     prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(point.p)[free]), SLAB), SLAB)
     return prior
 
@@ -335,9 +337,7 @@ def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, 
 def placed(at: Design, theta: Array, begun: Array) -> Point:
     """The point at θ within the bounds. What is not meant moves too: what is tolerated of an effect may be far above
     the noise, and its column tells it only roughly."""
-    described = list(at.shooting.arm.parameters.described.values())
     p = at.point.p.copy()
     for value, c in zip(theta, at.words.columns, strict=True):
-        q = described[c.index]
-        p[c.index] = min(max(c.center + float(value) * c.unit, q.low), q.high)
-    return Point(p, begun)
+        p[c.index] = c.center + float(value) * c.unit
+    return Point(at.shooting.arm.parameters.within(p), begun)

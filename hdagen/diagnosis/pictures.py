@@ -151,6 +151,8 @@ def _points_and_fit(x: Array, y: Array, fit: Array, split: bool = False) -> list
 def means(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
     """Mean x and y in bins of x of equal width, NaN where there are few points; ``split``: bins grow from x = 0 to both
     sides, with a gap there."""
+    if not len(x):
+        return x, y
     low, high = float(x.min()), float(x.max())
     if high <= low:
         return np.array([low]), np.array([float(y.mean())])

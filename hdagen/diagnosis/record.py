@@ -83,6 +83,11 @@ class Record:
         """What was measured in the rows that are looked at (S, M)."""
         return self.measured[self.rows[np.concatenate(self.looked)]]
 
+    def missed(self, seen: Array) -> Array:
+        """What was measured less what a model has the channels read, ``seen`` (…, S, M); no larger than the channel's
+        range: one that flies apart, or gives no number, is as wrong as one can be."""
+        return np.asarray(np.clip(np.where(np.isfinite(seen), self.told - seen, self.span), -self.span, self.span))
+
     @cached_property
     def span(self) -> Array:
         """Range of each channel (M)."""

@@ -65,7 +65,7 @@ class Concentrated:
 def explained(quantity: Array, regressors: Sequence[Regressor]) -> list[Explained]:
     """Of ``quantity`` (K,), by each regressor, the most first; what is constant explains nothing and is left out."""
     rows = _rows(len(quantity))
-    y = quantity[rows] - quantity[rows].mean()
+    y = _about_mean(quantity[rows])
     total, found = float(y @ y), []
     for r in regressors if total > 0 else ():
         labels, count = _bins(r.values[rows])
@@ -90,7 +90,7 @@ def periodic(quantity: Array, angle: Array, orders: Sequence[int]) -> list[Perio
     """Of ``quantity`` (K,), by each of the ``orders`` of which the angle (K,), rad, runs through two cycles or more,
     the most first."""
     rows = _rows(len(quantity))
-    y, theta = quantity[rows] - quantity[rows].mean(), angle[rows]
+    y, theta = _about_mean(quantity[rows]), angle[rows]
     total, found = float(y @ y), []
     for k in orders if total > 0 else ():
         if k * np.ptp(theta) < 2 * TURN:
@@ -125,7 +125,13 @@ def concentrated(energy: Array, regressors: Sequence[Regressor]) -> list[Concent
 
 
 def _rows(count: int) -> np.ndarray:
+    """Samples that are looked at, of ``count``."""
     return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(int))
+
+
+def _about_mean(values: Array) -> Array:
+    """``values`` (K,) less their mean; none of none, as of a joint that never moves."""
+    return values - values.mean() if len(values) else values
 
 
 def _bins(values: Array) -> tuple[np.ndarray, int]:

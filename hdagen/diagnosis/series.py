@@ -33,6 +33,7 @@ def with_springs(
     if len(arm.manifest["flexible"]) == arm.n:
         return found
     flexible = load(robot, "native", ("all", EFFECT))
+    _tell_rigid(flexible, say)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found  # no rotor that could turn by itself
     _narrowed(flexible)
@@ -48,10 +49,20 @@ def with_springs(
         p = flexible.p.copy()
         for c in own:
             p[c.index] = c.center + size * c.unit
+        p = flexible.parameters.within(p)
         at = design(shooting, words, Point(p, shooting.begun(p)))
         field.append(begun(at, words, atoms, found.fitted[0].score.at.s))
     fits = raced(at, words, field, say)
     return replace(found, fitted=tuple(bared(best_first([*found.fitted, *fits]))))
+
+
+def _tell_rigid(flexible: Arm, say: Callable[[str], None]) -> None:
+    """Which joints with a rotor have no spring even here, and the number because of which."""
+    for j in range(1, flexible.n + 1):
+        inertia = flexible.parameters[f"motor_inertia_{j}"]
+        if j not in flexible.manifest["flexible"] and inertia:
+            step = f"a step of {flexible.step_size:g} s carries no spring beside motor_inertia = {inertia:g} kg m²"
+            say(f"joint {j} stays rigid: {step}")
 
 
 def _narrowed(flexible: Arm) -> None:

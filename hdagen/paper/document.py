@@ -16,7 +16,7 @@ from typing import Any
 
 from hdagen.paper.page import HOLDS, heading
 from hdagen.plant import PlantError
-from hdagen.whole import whole
+from hdagen.whole import write_whole
 
 BEGIN, END = "<!-- results: begin -->", "<!-- results: end -->"
 
@@ -61,8 +61,7 @@ def main(arguments: Sequence[str]) -> int:
         return 2
     source, target = map(Path, arguments)
     text = updated(target.read_text(encoding="utf-8"), json.loads(source.read_text(encoding="utf-8")))
-    with whole(target, text.encode()):
-        pass
+    write_whole(target, text.encode())
     return 0
 
 
