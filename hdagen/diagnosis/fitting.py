@@ -24,6 +24,7 @@ from hdagen.diagnosis.linear import Linear, Summed
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.plant import Array
 
+FEW = 2  # effects, so few less than all of a set, or so few alone, are looked at
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 STIFF = 0.1  # of the unexplained torque where a hypothesis stands, that its steps allow first: the whole of it would
 # answer for what the parameters still lack
@@ -62,8 +63,11 @@ class Fitted:
 
     @property
     def lesser(self) -> list[tuple[int, ...]]:
-        """Its own atoms, and those of the hypotheses that have fewer of them."""
-        return [some for count in range(len(self.atoms) + 1) for some in combinations(self.atoms, count)]
+        """Its own atoms, and those of the hypotheses that have fewer of them; of a set of many, as each costs a
+        simulation, those that have next to all or next to none."""
+        many = len(self.atoms)
+        counts = sorted({count for count in range(many + 1) if min(count, many - count) < FEW})
+        return [some for count in counts for some in combinations(self.atoms, count)]
 
     @property
     def reached(self) -> float:

@@ -26,6 +26,7 @@ from hdagen.diagnosis.missing import Missing, Sight
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
+from hdagen.readings import Rows
 from hdagen.together import together
 
 MOST = 4  # effects of a set
@@ -67,7 +68,9 @@ class Regression:
         sight = Sight(arm, record.log, arm.p, arm.p, {}, ())
         shown = sight.kept & Portion(record.log, record.shown).at(sight.time)
         sides = 2 if sight.split else 1
-        rows = [np.flatnonzero(shown & sight.slides(j))[:: sight.grid.width] for j in range(1, arm.n + 1)] * sides
+        rows: list[Rows] = [
+            np.flatnonzero(shown & sight.slides(j))[:: sight.grid.width] for j in range(1, arm.n + 1)
+        ] * sides
         if min(map(len, rows)) < FEWEST:
             return None
         none = _balances(sight.missing(arm.p), rows)
@@ -163,7 +166,7 @@ def _moved(arm: Arm, words: Dictionary) -> list[Array]:
     return found
 
 
-def _balances(missing: Missing, rows: Sequence[Array]) -> list[Array]:
+def _balances(missing: Missing, rows: Sequence[Rows]) -> list[Array]:
     """The missing torque of each balance (B) in its ``rows``."""
     whole = missing.motor if missing.link is None else np.hstack([missing.motor, missing.link])
     return [whole[some, b] for b, some in enumerate(rows)]
