@@ -18,7 +18,7 @@ from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.fitting import Fitted, begun
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record, record
-from hdagen.diagnosis.search import FAINT, Search, bared, best_first, raced
+from hdagen.diagnosis.search import TRAILING, Search, bared, best_first, raced
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.plant import Arm, Array, load
@@ -50,8 +50,8 @@ def with_springs(
 
 def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design, Dictionary, list[Fitted]]:
     """Where a race of springs begins: their design, the words, and the field, at each size the springs alone and, where
-    these promise less than what was ``found`` without has reached, beside that; alone only if they promise something
-    of what that gains."""
+    these promise less than what was ``found`` without has reached, beside that; then alone only if they promise a
+    share of what that gains."""
     springs = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
     lead, near = best_first(found.fitted)[0], found.fitted[0].score.at.s
     none = next((fit for fit in found.fitted if not fit.atoms), lead)
@@ -63,7 +63,7 @@ def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design
         alone.append(begun(at, words, springs, near))
     if not beside or max(fit.score.evidence for fit in alone) >= lead.reached:
         return at, words, alone
-    least = none.reached + FAINT * (lead.reached - none.reached)
+    least = none.reached + TRAILING * (lead.reached - none.reached)
     field = [fit for fit in alone if fit.score.evidence >= least]
     for size in SIZES:
         p = _stiffened(words, springs, _carried_over(shooting.arm, lead), size)
