@@ -1,11 +1,15 @@
-"""Command line: build, list, describe, check, time, truth."""
+"""Command line: build, list, describe, check, mend, time, truth."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+from gen.entry import escaped
 
 EXAMPLES = """examples:
   python -m gen build                          the preset `paper` into build/
@@ -14,8 +18,49 @@ EXAMPLES = """examples:
   python -m gen check my_arm.toml"""
 
 
+TRACEBACK = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Exit code: 0 done; 2 a robot, an option or a compiler that cannot be used; 130 interrupted."""
+    """Exit code: 0 done; 2 a robot, an option, a compiler or a place to write that cannot be used; 4 an error that was
+    not foreseen; 130 interrupted; 141 nobody reads what is printed."""
+    try:
+        try:
+            return _run(_parser().parse_args(arguments))
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()  # here, where a full device or a closed pipe can still be told
+    except KeyboardInterrupt:
+        return _ended(130, "interrupted; nothing was left behind.")
+    except BrokenPipeError:
+        return _ended(141, "")
+    except OSError as error:
+        place = error.filename or "standard output"
+        return _ended(2, f"{place}: cannot be used ({error.strerror or error}); make room, or choose another place.")
+    except Exception as error:
+        if os.environ.get(TRACEBACK):
+            raise
+        what = f"{type(error).__name__}: {(str(error).splitlines() or [''])[0][:300]}"
+        return _ended(
+            4, f"gen met an error that it did not foresee ({what}); {TRACEBACK}=1 in the environment shows where."
+        )
+
+
+def _ended(code: int, sentence: str) -> int:
+    """Say why a command ends; what standard output does not take is thrown away."""
+    with suppress(OSError, ValueError):
+        print(escaped(sentence), end="\n" if sentence else "", file=sys.stderr, flush=True)
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    """The parser with every command's own."""
     parser = argparse.ArgumentParser(
         prog="python -m gen",
         description="Generates and compiles robot arms.",
@@ -23,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(
-        dest="command", required=True, metavar="build | list | describe | check | time | truth"
+        dest="command", required=True, metavar="build | list | describe | check | mend | time | truth"
     )
     build = commands.add_parser(
         "build",
@@ -56,24 +101,26 @@ def main(arguments: list[str] | None = None) -> int:
     timed.add_argument("--out", type=Path, default=Path("build"))
     _add_described(commands)
     _add_truth(commands)
-    options = parser.parse_args(arguments)
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run a command; what it foresees goes to standard error."""
     from gen.build import BuildError
     from gen.compile import CompileError
+    from gen.mpc.structure import StructureError
     from gen.robot import RobotError
 
     try:
-        runs = {"build": _build, "list": _list, "describe": _describe, "check": _check, "time": _time, "truth": _truth}
-        return runs[options.command](options)
+        runs = {"build": _build, "list": _list, "describe": _describe, "check": _check, "mend": _mend}
+        return (runs | {"time": _time, "truth": _truth})[options.command](options)
     except RobotError as error:
         for problem in error.problems:
-            print(problem, file=sys.stderr)
+            print(escaped(problem), file=sys.stderr)
         return 2
-    except (BuildError, CompileError) as error:
-        print(error, file=sys.stderr)
+    except (BuildError, CompileError, StructureError) as error:
+        print("\n".join(escaped(line) for line in str(error).split("\n")), file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("interrupted; nothing was left behind.", file=sys.stderr)
-        return 130
 
 
 def _time(options: argparse.Namespace) -> int:
@@ -93,13 +140,9 @@ def _effects(options: argparse.Namespace) -> tuple[str, ...]:
 
 def _build(options: argparse.Namespace) -> int:
     from gen.build import build
-    from gen.mpc.structure import StructureError, parse
+    from gen.mpc.structure import parse
 
-    try:
-        structure = parse(options.mpc)
-    except StructureError as error:
-        print(error, file=sys.stderr)
-        return 2
+    structure = parse(options.mpc)
     folder, made = build(options.robot, options.profile, options.out, _effects(options), structure)
     print(f"{'built' if made else 'unchanged'} ({options.profile})", file=sys.stderr)
     print(folder)
@@ -109,6 +152,8 @@ def _build(options: argparse.Namespace) -> int:
 def _add_described(commands: Any) -> None:
     described = commands.add_parser("describe", help="print a robot's description, complete and checked, as JSON")
     described.add_argument("robot", help="a preset or a robot.toml")
+    mended = commands.add_parser("mend", help="print the step and the smoothing that carry a robot, as JSON")
+    mended.add_argument("robot", help="a preset or a robot.toml")
 
 
 def _add_truth(commands: Any) -> None:
@@ -122,15 +167,20 @@ def _add_truth(commands: Any) -> None:
 def _truth(options: argparse.Namespace) -> int:
     import json
 
-    from gen.build import assembled
-    from gen.mpc.structure import parse
+    from gen.build import BuildError, assembled
+    from gen.mpc.structure import StructureError, parse
     from gen.mpc.truth import truth
     from gen.robot import load
 
     structure = parse(options.mpc)
+    if structure is None:
+        raise StructureError("--mpc: give the controller's structure, as in nodes=20,walls=2,space=tip.")
+    try:
+        problems = json.load(sys.stdin)
+    except (ValueError, RecursionError) as error:
+        raise BuildError(f"standard input is no JSON ({error}); `hdagen mpc reference` gives it.") from None
     made, _, _ = assembled(options.robot, load(options.robot), ())
-    assert structure is not None
-    print(json.dumps([truth(made, structure, problem) for problem in json.load(sys.stdin)]))
+    print(json.dumps([truth(made, structure, problem) for problem in problems]))
     return 0
 
 
@@ -152,6 +202,17 @@ def _describe(options: argparse.Namespace) -> int:
     from gen.robot import load
 
     print(json.dumps(canonical(load(options.robot))))
+    return 0
+
+
+def _mend(options: argparse.Namespace) -> int:
+    import json
+
+    from gen.build import assembled
+    from gen.robot import load
+
+    step, widths = assembled(options.robot, load(options.robot), ())[2].mended()
+    print(json.dumps({"step": step, "friction_smoothing": widths}))
     return 0
 
 

@@ -97,6 +97,12 @@ def shown(value: Any) -> str:
     return _short(str(value))
 
 
+def escaped(text: str) -> str:
+    """The text with an escape in place of each character that a terminal obeys; a tab becomes spaces."""
+    text = text.expandtabs()
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 def named(key: str) -> str:
     """A key of the file as a sentence can hold it."""
     return key if re.fullmatch(r"[A-Za-z0-9_-]{1,48}", key) else _short(json.dumps(key))

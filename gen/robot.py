@@ -6,7 +6,6 @@ do.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from gen.mass import singular
 from gen.parameters import ParameterValue, parameters
 from gen.presets import presets
 from gen.reading import Reading
+from gen.robot_text import parse_robot, read_robot
 from gen.schema import LAW_SHARPNESS
 
 __all__ = [
@@ -38,7 +38,6 @@ __all__ = [
     "parameters",
 ]
 
-LARGEST = 1_000_000  # bytes of a file
 SPRINGS = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
 
 
@@ -47,10 +46,14 @@ def load(source: str | Path, effects: tuple[Effect, ...] | None = None) -> Robot
 
     ``effects`` are those that [[effect]] may name; None: all of `gen.effects`.
     """
+    file, label = presets().get(str(source), Path(source)), labelled(source)
+    return from_table(parse_robot(read_robot(file, label), label), label, file, effects)
+
+
+def labelled(source: str | Path) -> str:
+    """A preset's name or a path as a sentence can hold it."""
     name = str(source)
-    label = name if name.isprintable() and len(name) <= 200 else shown(name)
-    file = presets().get(name, Path(name))
-    return from_table(_table(file, label), label, file, effects)
+    return name if name.isprintable() and len(name) <= 200 else shown(name)
 
 
 def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tuple[Effect, ...] | None = None) -> Robot:
@@ -80,38 +83,6 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
         tuple(present),
         source,
     )
-
-
-def _table(file: Path, label: str) -> dict[str, Any]:
-    """The file as TOML reads it. Raises RobotError."""
-    possible = f"possible is a robot.toml or one of {', '.join(presets())}"
-    try:
-        if not file.is_file():
-            found = "found no regular file" if file.exists() else "found no such file"
-            raise RobotError([f"{label}: {found}, {possible}; correct the name."])
-        with file.open("rb") as stream:
-            raw = stream.read(LARGEST + 1)
-    except (OSError, ValueError) as problem:
-        why = getattr(problem, "strerror", None) or str(problem)
-        raise RobotError(
-            [f"{label}: found a file that cannot be read ({why}), {possible}; check name and rights."]
-        ) from None
-    if len(raw) > LARGEST:
-        raise RobotError([f"{label}: found more than {LARGEST} bytes, {possible}, which is far smaller; name one."])
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise RobotError([f"{label}: found text in UTF-16, possible is UTF-8; save the file as UTF-8."])
-    try:
-        return tomllib.loads(raw.decode("utf-8-sig"))
-    except UnicodeDecodeError as problem:
-        where = f"the first at byte {problem.start}"
-        raise RobotError(
-            [f"{label}: found bytes that are not UTF-8 ({where}), possible is UTF-8; save it so."]
-        ) from None
-    except (ValueError, RecursionError) as problem:
-        why = "too deeply nested" if isinstance(problem, RecursionError) else shown(str(problem))[1:-1]
-        raise RobotError(
-            [f"{label}: found text that is not TOML ({why}), possible is TOML; correct it there."]
-        ) from None
 
 
 # -- the description, with what the file leaves open ------------------------------------------------------------------

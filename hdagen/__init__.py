@@ -1,5 +1,10 @@
 """Robot arms with harmonic drives: compiled models to simulate, control and replay."""
 
+import sys
+
+if sys.platform == "win32":
+    raise ImportError("hdagen does not run on Windows; use Linux, there or in the Windows Subsystem for Linux.")
+
 from hdagen.control import Controller, Fault, Guard, Safe
 from hdagen.log import Log, LogError
 from hdagen.mpc.controller import MPC

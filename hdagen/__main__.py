@@ -3,20 +3,37 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
+import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import NoReturn
 
 COMMANDS = ("demo", "simulate", "replay", "diagnose", "adopt", "excite", "mpc", "bench", "blind", "paper")
-DONE, BAR_MISSED, USAGE, UNUSABLE, INTERRUPTED = 0, 1, 2, 3, 130
+DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 130, 141
+TRACEBACK = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors can be printed, whatever the arguments hold."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and the message; exit code 2."""
+        from hdagen.names import printable
+
+        super().error(printable(message))
 
 
 def parser() -> argparse.ArgumentParser:
     """The parser with every command's own."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="hdagen",
         description="Robot arms with harmonic drives: a compiled model that simulates, controls and replays logs.",
-        epilog="exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration, 3 data unusable",
+        epilog="exit codes: 0 done, 1 a stated bar failed, 2 usage, configuration or no place to write, 3 data "
+        f"unusable, 4 an error that hdagen did not foresee ({TRACEBACK}=1 shows where), 130 interrupted, 141 nobody "
+        "reads what is printed",
     )
     commands = top.add_subparsers(dest="command", required=True, metavar=" | ".join(COMMANDS))
     for name in COMMANDS:
@@ -25,9 +42,36 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns its exit code."""
+    """Run a command; returns its exit code. What goes wrong becomes a sentence."""
+    try:
+        try:
+            return _run(arguments)
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()  # here, where a full device or a closed pipe can still be told
+    except KeyboardInterrupt:
+        return _ended(INTERRUPTED, "interrupted; what was finished is whole, nothing is half-written.")
+    except BrokenPipeError:
+        return _ended(UNREAD, "")
+    except OSError as error:
+        return _ended(USAGE, _told(error))
+    except MemoryError:
+        return _ended(UNUSABLE, "there is not enough memory; give a shorter log, or fewer machines at a time.")
+    except Exception as error:
+        if os.environ.get(TRACEBACK):
+            raise
+        what = (str(error).splitlines() or [""])[0][:300]
+        return _ended(
+            UNFORESEEN,
+            f"hdagen met an error that it did not foresee ({type(error).__name__}: {what}); {TRACEBACK}=1 in the "
+            "environment shows where, which a report of it needs.",
+        )
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """Run a command; what it foresees goes to standard error."""
     options = parser().parse_args(arguments)
-    from hdagen.log import LogError
+    from hdagen.log import ColumnsError, LogError
     from hdagen.plant import PlantError
 
     try:
@@ -37,10 +81,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return USAGE
     except LogError as error:
         print(error, file=sys.stderr)
-        return UNUSABLE
-    except KeyboardInterrupt:
-        print("interrupted; what was finished is whole, nothing is half-written.", file=sys.stderr)
-        return INTERRUPTED
+        return USAGE if isinstance(error, ColumnsError) else UNUSABLE
+
+
+def _told(error: OSError) -> str:
+    """What the system refused, and what to do."""
+    place = "standard output" if error.filename is None else str(error.filename)
+    why = error.strerror or str(error)
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return f"too many files are open ({why}); allow more by `ulimit -n`, or close other programs."
+    if error.errno in (errno.EAGAIN, errno.ENOMEM):
+        return f"no process or memory is to be had ({why}); close other programs, or allow more by `ulimit`."
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS):
+        return f"{place}: cannot be written ({why}); make room or choose another place."
+    return f"{place}: cannot be used ({why}); check that it is there and what you may do with it."
+
+
+def _ended(code: int, sentence: str) -> int:
+    """Say why a command ends. What standard output does not take is thrown away, so that the interpreter, which writes
+    it once more at its end, finds nothing to complain of."""
+    with suppress(OSError, ValueError):
+        if sentence:
+            from hdagen.names import printable
+
+            print(printable(sentence), file=sys.stderr, flush=True)
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
 
 
 if __name__ == "__main__":

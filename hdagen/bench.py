@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -19,7 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.children import start_together
 from hdagen.control import Controller, Guard, Safe
+from hdagen.machine import describe_machine
+from hdagen.opening import find_builds
 from hdagen.plant import Arm, Array, PlantError, load
 from hdagen.readings import mechanical
 
@@ -79,6 +80,7 @@ class Bench:
 
 def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     """Measure; ``stage`` is told what begins. Raises PlantError where a build fails."""
+    machine = describe_machine()  # how busy it was before
     stage("building")
     native, portable = load("paper", profile="native"), load("paper")
     stage("CasADi's interpreter and C, in turns with ours")
@@ -97,24 +99,24 @@ def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     reached |= bars | accuracy | _builds(portable)
     timings = [_raced_timing(name, contest) for name, contest in raced.items()]
     timings += [_timing(name, values) for name, values in loops.items()]
-    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), _machine(native))
+    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), machine | _compiled(native))
 
 
 def _raced(rounds: int) -> dict[str, Any]:
     """What `python -m gen time` prints: function -> contestant -> "row" and "single"."""
-    out = os.environ.get("HDAGEN_BUILD") or "build"
-    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={out}", "--", "paper")))
+    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={find_builds()}", "--", "paper")))
 
 
 def _gen(*arguments: str) -> str:
     """What a child process of gen prints. Raises PlantError with its words."""
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-P", "-m", "gen", *arguments]
-    environment = {**os.environ, "PYTHONPATH": beside}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode:
-        raise PlantError(done.stderr.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
-    return done.stdout
+    environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
+    with start_together(command, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
+        printed, said = child.communicate()
+    if child.returncode:
+        raise PlantError(said.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
+    return str(printed)
 
 
 def _raced_timing(name: str, contest: dict[str, Any]) -> Timing:
@@ -144,24 +146,8 @@ def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
-def _machine(arm: Arm) -> dict[str, str]:
-    versions = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
-    versions.append(f"CasADi {importlib.metadata.version('casadi')}")
-    return {
-        "processor": _processor(),
-        "compiler": arm.manifest["compiler"],
-        "with": ", ".join(versions),
-        "batch": f"{arm.module.batch_width} lanes",
-    }
-
-
-def _processor() -> str:
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        text = ""
-    lines = (line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name"))
-    return next(lines, platform.machine())
+def _compiled(arm: Arm) -> dict[str, str]:
+    return {"compiler": arm.manifest["compiler"], "lanes": str(arm.module.batch_width)}
 
 
 # -- loops ------------------------------------------------------------------------------------------------------------
@@ -256,17 +242,25 @@ def _tick_loop(arm: Arm, law: str) -> Callable[[], None]:
 
 def _accuracy(rounds: int) -> dict[str, Array]:
     """Largest error of a link angle over 3 s at 0.5 ms against a step forty times finer, friction smoothed at 1 rad/s;
-    and what bristles cost."""
+    and what bristles cost, stated in the robot file: what is only added to a model is slowed to its step."""
     plain = load("paper_table1", profile="native")
-    bristles = load("paper_table1", profile="native", effects=("presliding_friction",))
+    with tempfile.TemporaryDirectory() as folder:
+        bristles = load(_bristly(Path(folder) / "bristles.toml", plain.n), profile="native")
     for arm in (plain, bristles):
         arm.parameters.update({f"friction_smoothing_{j}": 1.0 for j in range(1, arm.n + 1)})
-    bristles.parameters.update({f"presliding_share_{j}": 1.0 for j in range(1, bristles.n + 1)})
     return {
         "error_without_bristles": np.array([_error(plain)]),
         "error_with_bristles": np.array([_error(bristles)]),
         "cost_with_bristles": _cost(bristles, rounds),
     }
+
+
+def _bristly(path: Path, joints: int) -> Path:
+    """The robot file of the plain model with all of its dry friction on bristles, written to ``path``."""
+    plain = Path(__file__).parents[1] / "gen" / "presets" / "paper_table1.toml"
+    effect = '[[effect]]\nname = "presliding_friction"\njoint = {}\npresliding_share = 1.0\n'
+    path.write_text("\n".join([plain.read_text(), *(effect.format(j) for j in range(1, joints + 1))]))
+    return path
 
 
 def _error(arm: Arm) -> float:

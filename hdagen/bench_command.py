@@ -57,13 +57,15 @@ def _predictive(options: argparse.Namespace) -> int:
     """Measure the predictive controller, print, judge."""
     from rich.console import Console
 
+    from hdagen.machine import describe_machine
     from hdagen.mpc.bars import RUNS, bench, lines
 
+    machine = describe_machine()
     runs = RUNS if options.runs is None else max(0, options.runs)
     with Console(stderr=True).status("starting") as status:
         found = bench("native", options.quick, runs, status.update)
     if options.json:
-        print(json.dumps(asdict(found), indent=1))
+        print(json.dumps({"machine": machine, **asdict(found)}, indent=1))
     else:
         print("\n".join(lines(found)))
     return 1 if any(not bar.met for bar in found.bars) else 0

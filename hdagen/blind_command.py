@@ -74,6 +74,13 @@ def run(options: argparse.Namespace) -> int:
     except (BlindError, CalibrationError, ChildError, SealError) as error:
         print(error, file=sys.stderr)
         return USAGE
+    except OSError as error:
+        print(
+            f"{error.filename}: cannot be written ({error.strerror}), and nothing is half-written; make room or name "
+            f"another folder, and give --seed {seed} to go on.",
+            file=sys.stderr,
+        )
+        return USAGE
 
 
 def _conflicts(options: argparse.Namespace) -> list[str]:
@@ -107,9 +114,10 @@ def _progress() -> Callable[[str], None]:
 def _check(options: argparse.Namespace, seed: str) -> int:
     from hdagen.blind import blind_page, calibrate
     from hdagen.blind.report import report, written
-    from hdagen.blind.run import BlindError, Check, check, replace
+    from hdagen.blind.run import BlindError, Check, check
     from hdagen.blind.seal import seed_hash
     from hdagen.diagnosis import calibration
+    from hdagen.whole import write_whole
 
     if options.calibrate is None and seed_hash(seed) in calibration.read().seeds:
         raise BlindError("this seed was calibrated on, so a check with it proves nothing; take another --seed.")
@@ -124,10 +132,10 @@ def _check(options: argparse.Namespace, seed: str) -> int:
     )
     rows, closed = check(asked, _progress())
     found = report(asked, closed, rows)
-    replace(asked.out / "blind.json", written(found))
+    write_whole(asked.out / "blind.json", written(found).encode())
     blind_page.write(asked.out / "blind.html", found)
     if options.calibrate is not None:
-        replace(options.calibrate, calibrate.data(rows, asked.kind, seed_hash(seed)))
+        write_whole(options.calibrate, calibrate.data(rows, asked.kind, seed_hash(seed)).encode())
     _print(found)
     return DONE if all(met for _, _, met in found.bars) else BAR_MISSED
 

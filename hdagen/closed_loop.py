@@ -13,7 +13,6 @@ two rows.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from hdagen.channels import describe
+from hdagen.input_file import InputFileError, read_toml
 from hdagen.input_stage import InputStage
 from hdagen.kalman import estimate
 from hdagen.log import Log, LogError
+from hdagen.names import shown, shown_path
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import Readings, mechanical
 from hdagen.replay import Replay, acted_on, check, compare, driven_by, window_starts
@@ -49,14 +50,11 @@ class Law:
 
 def read_controller(path: str | Path) -> tuple[Law, ...]:
     """The laws of a controller.toml, one a [[joint]], base first. Raises PlantError with every problem."""
-    path = Path(path)
     try:
-        if path.stat().st_size > _LARGEST:
-            raise PlantError(f"{path}: larger than {_LARGEST} bytes, no controller.toml is; name one.")
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        why = getattr(error, "strerror", None) or str(error)[:200]
-        raise PlantError(f"{path}: cannot be read as TOML ({why}); see docs/replay.md for what it holds.") from None
+        content = read_toml(Path(path), _LARGEST, "see docs/replay.md for what a controller.toml holds")
+    except InputFileError as error:
+        raise PlantError(error) from None
+    path = shown_path(path)
     problems = [
         f"{path}: unknown key {key[:40]!r}; possible is [[joint]], one a joint." for key in content if key != "joint"
     ]
@@ -79,11 +77,11 @@ def _law(where: str, table: Mapping[str, Any], problems: list[str]) -> Law | Non
         if key == "velocity_filter_samples":
             if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST_SAMPLES:
                 problems.append(
-                    f"{where}, {key}: found {value!r:.60}, possible is a whole number from 1 to {_MOST_SAMPLES}."
+                    f"{where}, {key}: found {shown(value)}, possible is a whole number from 1 to {_MOST_SAMPLES}."
                 )
         elif key == "encoder":
             if value not in ("joint", "motor"):
-                problems.append(f'{where}, {key}: found {value!r:.60}, possible is "joint" or "motor".')
+                problems.append(f'{where}, {key}: found {shown(value)}, possible is "joint" or "motor".')
         elif key not in known:
             names = ", ".join((*known, "velocity_filter_samples", "encoder"))
             problems.append(f"{where}: unknown key {key[:40]!r}; possible are {names}.")
@@ -91,7 +89,7 @@ def _law(where: str, table: Mapping[str, Any], problems: list[str]) -> Law | Non
             isinstance(value, bool) or not isinstance(value, int | float) or not known[key][0] <= value <= known[key][1]
         ):
             low, high = known[key]
-            problems.append(f"{where}, {key}: found {value!r:.60}, possible is a number from {low:g} to {high:g}.")
+            problems.append(f"{where}, {key}: found {shown(value)}, possible is a number from {low:g} to {high:g}.")
     problems += [f"{where}: {key} is missing; state it." for key in ("kp", "kv") if key not in table]
     return Law(**table) if len(problems) == before else None
 

@@ -6,11 +6,12 @@ import difflib
 import math
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from hdagen.names import list_some
+from hdagen.names import list_some, shown
 from hdagen.table import LogError, Table
 
 COUNT = "counts"  # of an encoder; needs counts_per_turn
@@ -38,6 +39,8 @@ UNITS: dict[str, dict[str, float]] = {
 }
 WHOLE_ARM = ("time", "tip_force_x", "tip_force_y")
 RAW_UNITS = ("V", "mV", "percent", "counts")  # of anything; a scale says what one of it is
+_SHOWN = 20  # absent columns that are named
+_COMPARED, _LONGEST = 1000, 200  # names that are held against one that is not there, and their characters
 _CELSIUS_ZERO = 273.15  # K
 _NAME = re.compile(r"(?P<base>[a-z_]+?)_(?P<joint>[1-9]\d?)")
 
@@ -116,22 +119,33 @@ class ColumnMap:
     frame: Frame | None = None
     path: Path | None = None
 
+    @cached_property
+    def _needed(self) -> frozenset[str]:
+        return frozenset(name for source in self.sources.values() for name in (source.read, source.subtract) if name)
+
     def reads(self, name: str) -> bool:
         """Whether the file's column ``name`` is needed."""
-        needed = any(name in (source.read, source.subtract) for source in self.sources.values())
-        return needed or (split_name(name) is not None and name not in self.ignore and name not in self.sources)
+        return name in self._needed or (
+            split_name(name) is not None and name not in self.ignore and name not in self.sources
+        )
 
     def apply(self, table: Table) -> Mapped:
         """Bring a table under the log's names and units. Raises ColumnsError with every column that is not there."""
         own = {name: Source(name, name) for name in table.columns if self.reads(name) and split_name(name)}
         own = {name: source for name, source in own.items() if name not in self.sources}
         sources = self.sources | own
-        problems = [
-            f"{self.path}: [{source.name}] takes column {read!r}, not in the log{_suggest(read, table.names)}."
+        absent = [
+            (source.name, read)
             for source in sources.values()
             for read in (source.read, source.subtract)
             if read and read not in table.columns
         ]
+        problems = [
+            f"{self.path}: [{name}] takes column {shown(read)}, not in the log{_suggest(read, table.names)}."
+            for name, read in absent[:_SHOWN]
+        ]
+        if len(absent) > _SHOWN:
+            problems.append(f"{self.path}: {len(absent)} columns in all are not in the log.")
         lengths = {
             name: len(table.columns[name])
             for s in sources.values()
@@ -158,7 +172,7 @@ class ColumnMap:
 
 
 def _suggest(name: str, names: tuple[str, ...]) -> str:
-    close = difflib.get_close_matches(name, names, 1)
+    close = difflib.get_close_matches(name, [n for n in names[:_COMPARED] if len(n) <= _LONGEST], 1)
     return f" (did you mean {close[0]!r}? it has: {list_some(names)})" if close else f" (it has: {list_some(names)})"
 
 

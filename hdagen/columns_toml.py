@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from hdagen.columns import COUNT, RAW_UNITS, UNITS, WHOLE_ARM, ColumnMap, ColumnsError, Frame, Source, split_name
-from hdagen.names import list_some, meant
+from hdagen.input_file import InputFileError, read_toml
+from hdagen.names import list_some, meant, shown
+
+_LARGEST = 200_000  # bytes of a columns.toml
+_MOST_TABLES = 1500  # every column of 99 joints
 
 
 def load(path: Path | str) -> ColumnMap:
     """Read and check a columns.toml. Raises ColumnsError with every problem at once."""
     path = Path(path)
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ColumnsError([f"{path}: cannot be read ({error.strerror}): give the path of a columns.toml."]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ColumnsError([f"{path}: not valid TOML ({error}): correct it there."]) from None
+        tables = read_toml(path, _LARGEST, "give a columns.toml as docs/log.md describes it")
+    except InputFileError as error:
+        raise ColumnsError([str(error)]) from None
+    if len(tables) > _MOST_TABLES:
+        raise ColumnsError([f"{path}: found {len(tables)} tables; no log has more than {_MOST_TABLES} columns in use."])
     return check(tables, path)
 
 
@@ -40,7 +43,7 @@ def check(tables: dict[str, Any], path: Path) -> ColumnMap:
             )
         elif not isinstance(entry, dict):
             problems.append(
-                f'{path}: {name} must be a table, as in [{name}] with from = "…" below it; found {entry!r:.60}.'
+                f'{path}: {name} must be a table, as in [{name}] with from = "…" below it; found {shown(entry)}.'
             )
         else:
             sources[name] = _source(path, name, entry, problems)
@@ -51,7 +54,7 @@ def check(tables: dict[str, Any], path: Path) -> ColumnMap:
 
 def _ignored(path: Path, value: Any, problems: list[str]) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
-        problems.append(f"{path}: ignore must be a list of column names; found {value!r:.60}.")
+        problems.append(f"{path}: ignore must be a list of column names; found {shown(value)}.")
         return ()
     return tuple(value)
 
@@ -59,22 +62,22 @@ def _ignored(path: Path, value: Any, problems: list[str]) -> tuple[str, ...]:
 def _frame(path: Path, entry: Any, problems: list[str]) -> Frame | None:
     place = f"{path}: [tip_force]"
     if not isinstance(entry, dict):
-        problems.append(f"{place} must be a table; found {entry!r:.60}.")
+        problems.append(f"{place} must be a table; found {shown(entry)}.")
         return None
     for key in entry.keys() - {"frame", "rotation", "turning_joints"}:
-        problems.append(f"{place} has no key {key}; possible are frame, rotation and turning_joints.")
+        problems.append(f"{place} has no key {key[:60]}; possible are frame, rotation and turning_joints.")
     frame, rotation, joints = entry.get("frame", "base"), entry.get("rotation", 0.0), entry.get("turning_joints")
     if frame not in ("base", "tip"):
         problems.append(
-            f'{place} frame = {frame!r:.60}; possible are "base" (fixed) and "tip" (turns with the last link).'
+            f'{place} frame = {shown(frame)}; possible are "base" (fixed) and "tip" (turns with the last link).'
         )
     if not _is_number(rotation):
-        problems.append(f"{place} rotation = {rotation!r:.60}; it must be a finite angle in rad.")
+        problems.append(f"{place} rotation = {shown(rotation)}; it must be a finite angle in rad.")
         rotation = 0.0
     if joints is not None and (
         not isinstance(joints, list) or not joints or not all(_is_whole(j) and j > 0 for j in joints)
     ):
-        problems.append(f"{place} turning_joints = {joints!r:.60}; it must list joint numbers from 1, as in [1, 2].")
+        problems.append(f"{place} turning_joints = {shown(joints)}; it must list joint numbers from 1, as in [1, 2].")
         joints = None
     return Frame(frame == "tip", float(rotation), tuple(joints) if joints else None)
 
@@ -127,7 +130,7 @@ def _source(path: Path, name: str, entry: dict[str, Any], problems: list[str]) -
             possible = [k for k, (_, _, pattern) in _KEYS.items() if re.search(pattern, name)]
             problems.append(f"{place} has no key {key[:60]}; possible are {list_some(possible)}.")
         elif not _KEYS[key][0](value):
-            problems.append(f"{place} {key} = {value!r:.60}; it must be {_KEYS[key][1]}.")
+            problems.append(f"{place} {key} = {shown(value)}; it must be {_KEYS[key][1]}.")
         else:
             good[key] = value
     origin = "value" if "value" in good else "period"
@@ -172,7 +175,7 @@ def _unit(place: str, name: str, good: dict[str, Any], problems: list[str]) -> s
     own = next(iter(UNITS[base]))
     if not unit:
         listed = list_some([*UNITS[base], *(f"{raw} (with scale)" for raw in RAW_UNITS if raw not in UNITS[base])])
-        problems.append(f"{place} unit = {good['unit']!r:.60}; possible are {listed}.")
+        problems.append(f"{place} unit = {shown(good['unit'])}; possible are {listed}.")
     elif unit not in UNITS[base] and "scale" not in good:
         problems.append(f"{place} has unit = {unit!r} without a scale; add scale = how many {own} one {unit} is.")
     elif unit in (COUNT, "counts/s") and "counts_per_turn" not in good and "scale" not in good:

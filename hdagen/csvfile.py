@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from hdagen.names import list_some
-from hdagen.table import LogError, Table, duplicates, first_line
+from hdagen.table import MOST_CELLS, LogError, Table, check_cells, check_columns, first_line
 
-_HEAD = 1 << 20  # bytes in which the header must end
+_HEAD = 1 << 20  # bytes in which the header must end, and every row
+_CELL = 131_072  # characters of a cell, which Python's reader refuses beyond
 _SHOWN = 5  # bad rows named one by one; the rest is counted
 _NULLS = ("", "nan", "-nan", "NaN", "NAN", "Nan", "NA", "N/A", "#N/A", "null", "NULL", "None")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|Inf|INF|infinity|Infinity)")
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|Inf|INF|infinity|Infinity)")
 _FOREIGN = {  # first bytes of other formats that get the wrong ending
     b"PAR1": "a Parquet file: name it .parquet",
     b"MATLAB": "a MATLAB file: name it .mat",
@@ -49,10 +50,9 @@ class _Layout:
 def read_csv(path: Path, keep: Callable[[str], bool]) -> Table:
     """Read the columns for which ``keep(name)`` holds; an empty cell is NaN. Raises LogError with every bad place."""
     layout = _layout(path)
-    problems = duplicates(path, list(layout.names), keep)
-    wanted = [i for i, name in enumerate(layout.names) if name and keep(name)]
-    if problems:
-        raise LogError(problems)
+    kept = set(check_columns(path, layout.names, keep))
+    wanted = [i for i, name in enumerate(layout.names) if name in kept]
+    _check_rows(path, len(layout.names), len(wanted))
     import pyarrow as pa
     import pyarrow.csv as pa_csv
 
@@ -71,10 +71,24 @@ def read_csv(path: Path, keep: Callable[[str], bool]) -> Table:
                     null_values=list(_NULLS),
                 ),
             )
+    except MemoryError:
+        raise LogError([f"{path}: there is not enough memory to read it; cut it into shorter logs."]) from None
     except (pa.ArrowException, OSError) as error:
         raise LogError(_diagnose(path, layout, wanted) or [_unreadable(path, error)]) from None
-    columns = {layout.names[i]: np.ascontiguousarray(arrow[keys[i]].to_numpy()) for i in wanted}
+    columns = {}
+    for i in wanted:
+        columns[layout.names[i]] = np.ascontiguousarray(arrow[keys[i]].to_numpy())
+        arrow = arrow.drop_columns(keys[i])  # or the table would be there twice
     return Table(columns, layout.names, layout.first_line, layout.notes)
+
+
+def _check_rows(path: Path, width: int, wanted: int) -> None:
+    """Refuse more cells than a log may have; a row has a byte for each of ``width`` columns, and ends in a line. Raises
+    LogError."""
+    if path.stat().st_size // max(width, 1) * wanted > MOST_CELLS:
+        with path.open("rb") as file:
+            rows = sum(max(map(block.count, (b"\n", b"\r"))) for block in iter(lambda: file.read(1 << 24), b""))
+        check_cells(path, rows, wanted)
 
 
 def _layout(path: Path) -> _Layout:
@@ -82,7 +96,7 @@ def _layout(path: Path) -> _Layout:
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise LogError([_unreadable(path, error)]) from None
     _refuse_foreign(path, head)
     notes: list[str] = []
@@ -90,6 +104,8 @@ def _layout(path: Path) -> _Layout:
     number = 0  # lines before the header: blank, or comments
     while number < len(lines) - 1 and (not lines[number].strip() or lines[number].lstrip().startswith(("#", "%"))):
         number += 1
+    if number == len(lines) - 1 and len(head) == _HEAD:
+        raise LogError([f"{path}: no header ends in the first {_HEAD} bytes; export fewer columns or comments."])
     header, first = lines[number], number + 2
     if number and _is_row(header) and lines[number - 1].strip():  # numpy.savetxt puts the header into a comment
         header, first = lines[number - 1].lstrip("#% \t"), number + 1
@@ -99,7 +115,10 @@ def _layout(path: Path) -> _Layout:
             [f"{path}: the header is not UTF-8 text: convert it, as in iconv -f LATIN1 -t UTF-8 old.csv > new.csv."]
         )
     delimiter = max(",;\t", key=header.count)
-    names = tuple(name.strip() for name in next(csv.reader([header], delimiter=delimiter), []))
+    try:
+        names = tuple(name.strip() for name in next(csv.reader([header], delimiter=delimiter), []))
+    except csv.Error:
+        raise LogError([f"{path}: the name of a column is longer than {_CELL} characters; shorten it."]) from None
     if _is_row(header):
         raise LogError(
             [f"{path}: no header, line {first - 1} holds numbers ({header[:60]}…): write the column names above it."]
@@ -108,7 +127,7 @@ def _layout(path: Path) -> _Layout:
         raise LogError(
             [f"{path}: the columns are separated by spaces ({header[:60]}…); possible are comma, semicolon and tab."]
         )
-    if len(lines) < first or not any(line.strip() for line in lines[first - 1 :]):
+    if len(head) < _HEAD and not any(line.strip() for line in lines[first - 1 :]):
         raise LogError(
             [f"{path}: the file has a header ({list_some(names, 8)}) and no rows: record again, or copy it again."]
         )
@@ -147,9 +166,13 @@ def _is_row(line: str) -> bool:
 def _diagnose(path: Path, layout: _Layout, wanted: list[int]) -> list[str]:
     """Walk a file that the fast reader refused; name each row of the wrong length and each cell that is no number."""
     width = len(layout.names)
+    broken: list[tuple[int, str]] = []
     ragged: list[tuple[int, int]] = []
     cells: list[tuple[int, int, str]] = []
     for line, row in _rows(path, layout):
+        if isinstance(row, str):
+            broken.append((line, row))
+            continue
         if len(row) != width:
             ragged.append((line, len(row)))
             continue
@@ -157,7 +180,7 @@ def _diagnose(path: Path, layout: _Layout, wanted: list[int]) -> list[str]:
             text = row[i].strip().replace(layout.decimal, ".")
             if text not in _NULLS and not _NUMBER.fullmatch(text):
                 cells.append((line, i, row[i].strip()))
-    problems = []
+    problems = [f"{path}, line {line}: {why}." for line, why in broken[:_SHOWN]]
     for line, length in ragged[:_SHOWN]:
         hint = "delete or complete the line"
         if layout.delimiter == "," and length > width:
@@ -178,12 +201,21 @@ def _diagnose(path: Path, layout: _Layout, wanted: list[int]) -> list[str]:
     return problems
 
 
-def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
-    """The data rows with their line numbers, blank lines left out."""
+def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, list[str] | str]]:
+    """The data rows with their line numbers, blank lines left out; a sentence's end in place of one that is too long,
+    after which nothing is looked at."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        for line, text in enumerate(file, start=1):
-            if line >= layout.first_line and text.strip():
+        for line, text in enumerate(iter(lambda: file.readline(_HEAD), ""), start=1):
+            if len(text) == _HEAD:
+                zeros = "zero bytes, as a crash leaves them" if text.count("\0") > _HEAD / 2 else "no end of the line"
+                yield line, f"there are {zeros}, in {_HEAD} characters: cut the file before it, or copy it again"
+                return
+            if line < layout.first_line or not text.strip():
+                continue
+            try:
                 yield line, next(csv.reader([text.replace("\0", "\ufffd")], delimiter=layout.delimiter))
+            except csv.Error:
+                yield line, f"a cell is longer than {_CELL} characters: correct or delete it"
 
 
 def _unreadable(path: Path, error: BaseException) -> str:

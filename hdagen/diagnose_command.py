@@ -81,7 +81,7 @@ def _check(options: argparse.Namespace) -> None:
 @contextmanager
 def _folder(out: Path) -> Iterator[Path]:
     """``out``, made before the work; where that fails with nothing written, it is taken away again. Raises
-    PlantError."""
+    PlantError, also where it cannot be written into."""
     from hdagen.plant import PlantError
 
     new = not out.exists()
@@ -91,6 +91,11 @@ def _folder(out: Path) -> Iterator[Path]:
         raise PlantError(f"--out {out}: cannot be made ({error.strerror}); name another folder.") from None
     try:
         yield out
+    except OSError as error:
+        raise PlantError(
+            f"--out {out}: cannot be written into ({error.strerror}), and nothing is half-written; make room or name "
+            "another folder."
+        ) from None
     finally:
         if new and not any(out.iterdir()):
             out.rmdir()
@@ -102,23 +107,26 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.memory import kept
     from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.sentences import sentence
-    from hdagen.log import LogError, read
+    from hdagen.log import check_log, read
+    from hdagen.whole import write_whole
 
+    for path in (*options.logs, *(options.hold_out or ())):
+        check_log(path)
     with _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
-        try:
-            logs, held = (
-                [read(path, columns=options.columns, holes=True) for path in paths or ()]
-                for paths in (options.logs, options.hold_out)
-            )
-        except OSError as error:
-            raise LogError([f"{error.filename}: cannot be read ({error.strerror})."]) from None
+        logs, held = (
+            [read(path, columns=options.columns, holes=True) for path in paths or ()]
+            for paths in (options.logs, options.hold_out)
+        )
         say = Progress()
         kept()
         found = diagnose(options.robot, logs, held, say)
         say("report")
-        _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
+        text = json.dumps(found.content, indent=1, allow_nan=False) + "\n"
+        write_whole(out / "diagnosis.json", text.encode())
         report.write(found, out / "report.html", _again(options, found.content))
     print(sentence(found.content))
+    for failure in found.left_out:
+        print(failure)
     print(out / "report.html")
     return 0
 
@@ -129,13 +137,12 @@ def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
     mapped = f" --columns {shlex.quote(str(options.columns))}" if options.columns else ""
     held = f" --hold-out {shlex.join(map(str, options.hold_out))}" if options.hold_out else ""
     motion = shlex.quote(str((options.hold_out or options.logs)[0]))
-    digest = content["robot"].get("sha256")
+    digest = content["robot"]["identity"]
     return (
         f"    hdagen diagnose {robot} {shlex.join(map(str, options.logs))}{held}{mapped}\n"
         f"    hdagen replay {robot} {motion}{mapped} --with diagnosis.json --out predicted.parquet\n"
         f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
-        + (f"The robot file's SHA-256 is {digest}. " if digest else "")
-        + "The same input gives the same diagnosis."
+        f"The robot's identity, of its numbers alone, is {digest}. The same input gives the same diagnosis."
     )
 
 
@@ -181,10 +188,3 @@ def _table(results: Sequence[Result]) -> Table:
         took = "kept" if one.kept else f"{one.seconds:.0f}" if one.seconds else ""
         table.add_row(escape(str(name)), escape(str(said)), numbers[0], known, *numbers[1:], took)
     return table
-
-
-def _write(path: Path, text: str) -> None:
-    """Whole or not at all."""
-    beside = path.with_name(f".{path.name}.new")
-    beside.write_text(text, encoding="utf-8")
-    os.replace(beside, path)

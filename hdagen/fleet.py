@@ -10,12 +10,10 @@ import hashlib
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
 import time
-import tomllib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -24,16 +22,21 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from hdagen import __version__
-from hdagen.plant import PlantError
-from hdagen.whole import whole
+from hdagen import __version__, columns_toml
+from hdagen.children import start_together
+from hdagen.input_file import InputFileError, read_json, read_toml
+from hdagen.log import LogError, check_log
+from hdagen.names import shown, shown_path
+from hdagen.plant import PlantError, is_number
+from hdagen.verdict import LARGEST
+from hdagen.whole import write_whole
 
 DIAGNOSE = (sys.executable, "-P", "-m", "hdagen", "diagnose")
 SCHEMA = 1
 _REQUIRED, _OPTIONAL = ("robot", "log"), ("hold_out", "columns", "name")
 _LARGEST = 1_000_000  # bytes of a fleet.toml
 _NAME = re.compile(r"\w[\w -]{0,59}")  # it is a folder, too
-_PRESET = re.compile(r"[a-z][a-z0-9_]*")
+_PRESET = re.compile(r"[a-z][a-z0-9_]{0,60}")
 _PROGRESS = re.compile(r"\s*[\d.]+ s  |building ")  # what the command says on its way
 _UNUSABLE = 3  # exit code of a log that is refused
 _LONGEST = 3600.0  # s that one machine may take
@@ -107,24 +110,21 @@ class Result:
 def read(path: Path) -> tuple[Machine, ...]:
     """The machines of a fleet.toml; paths are taken from its folder. Raises PlantError with every problem."""
     try:
-        if path.stat().st_size > _LARGEST:
-            raise PlantError(f"{path}: larger than {_LARGEST} bytes, no fleet.toml is; name one.")
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise PlantError(f"{path}: cannot be read ({error.strerror}); give the path of a fleet.toml.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise PlantError(f"{path}: is no TOML file ({error}); correct it there.") from None
+        content = read_toml(path, _LARGEST, "give a fleet.toml as docs/diagnosis.md describes it")
+    except InputFileError as error:
+        raise PlantError(error) from None
+    place = shown_path(path)
     problems = [
-        f"{path}: unknown key {key[:40]!r}; possible is [[machine]], one a log." for key in content if key != "machine"
+        f"{place}: unknown key {key[:40]!r}; possible is [[machine]], one a log." for key in content if key != "machine"
     ]
     entries = content.get("machine")
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-        problems.append(f"{path}: there is no [[machine]]; write one with robot and log for each log.")
+        problems.append(f"{place}: there is no [[machine]]; write one with robot and log for each log.")
         raise PlantError("\n".join(problems))
-    machines = [_machine(f"{path}: machine {k}", path.parent, entry, problems) for k, entry in enumerate(entries, 1)]
+    machines = [_machine(f"{place}: machine {k}", path.parent, entry, problems) for k, entry in enumerate(entries, 1)]
     names = Counter(machine.name.casefold() for machine in machines if machine)
     problems += [
-        f'{path}: {count} machines are named {name!r}; tell them apart with name = "…".'
+        f'{place}: {count} machines are named {name!r}; tell them apart with name = "…".'
         for name, count in names.items()
         if count > 1
     ]
@@ -135,31 +135,31 @@ def read(path: Path) -> tuple[Machine, ...]:
 
 def _machine(where: str, folder: Path, entry: Mapping[str, Any], problems: list[str]) -> Machine | None:
     """One [[machine]], or None with what is wrong appended to ``problems``."""
-    possible = ", ".join(_REQUIRED + _OPTIONAL)
+    known = _REQUIRED + _OPTIONAL
     wrong = [
-        f"{where}: unknown key {key[:40]!r}; possible are {possible}."
-        for key in entry
-        if key not in possible.split(", ")
+        f"{where}: unknown key {key[:40]!r}; possible are {', '.join(known)}." for key in entry if key not in known
     ]
     wrong += [f"{where}: {key} is missing; state it." for key in _REQUIRED if key not in entry]
     text = {key: value for key, value in entry.items() if isinstance(value, str) and value and "\0" not in value}
     wrong += [
-        f"{where}: {key} = {value!r:.60}; it must be text in quotes."
+        f"{where}: {key} = {shown(value)}; it must be text in quotes."
         for key, value in entry.items()
-        if key in _REQUIRED + _OPTIONAL and key not in text
+        if key in known and key not in text
     ]
     paths = {key: (folder / text[key]).absolute() for key in ("log", "hold_out", "columns") if key in text}
-    wrong += [
-        f"{where}: {key} = {text[key]!r}: there is no such file." for key, path in paths.items() if not path.is_file()
-    ]
+    for key, path in paths.items():
+        try:
+            columns_toml.load(path) if key == "columns" else check_log(path)
+        except LogError as error:
+            wrong += [f"{where}: {key} = {shown(text[key])}: {problem}" for problem in error.problems]
     robot = text.get("robot", "")
-    if robot and ((folder / robot).is_file() or (folder / robot / "manifest.json").is_file()):
+    if robot and any(os.path.isfile(folder / robot / name) for name in ("", "manifest.json")):
         robot = str((folder / robot).absolute())
     elif robot and not _PRESET.fullmatch(robot):
-        wrong.append(f"{where}: robot = {robot!r}: there is no such file, and it is no preset's name.")
+        wrong.append(f"{where}: robot = {shown(robot)}: there is no such file, and it is no preset's name.")
     name = text.get("name", re.sub(r"[^\w -]", "_", paths["log"].stem)[:60] if "log" in paths else "")
     if name and not _NAME.fullmatch(name):
-        wrong.append(f"{where}: name = {name[:70]!r}; possible are up to 60 letters, digits, spaces, _ and -.")
+        wrong.append(f"{where}: name = {shown(name)}; possible are up to 60 letters, digits, spaces, _ and -.")
     problems += wrong
     if wrong:
         return None
@@ -211,26 +211,38 @@ def diagnose(
 def _kept(machine: Machine, folder: Path) -> Result | None:
     """What an earlier run found from the same files, if it finished."""
     try:
-        found = json.loads((folder / "machine.json").read_text(encoding="utf-8"))
+        found = read_json(folder / "machine.json", _LARGEST, "diagnose again")
         if found["inputs"] != machine.digest():
             return None
         status = {"diagnosed": Status.DIAGNOSED, "refused": Status.REFUSED}[found["status"]]
         diagnosis = _diagnosis(folder) if status is Status.DIAGNOSED else None
         return Result(machine, status, float(found["seconds"]), True, tuple(map(str, found["says"])), diagnosis)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (InputFileError, OSError, ValueError, KeyError, TypeError, OverflowError):
         return None
 
 
 def _diagnosis(folder: Path) -> dict[str, Any]:
-    """What the diagnosis.json in ``folder`` holds. Raises OSError, ValueError."""
-    found = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
-    if (
-        not isinstance(found, dict)
-        or found.get("schema") != SCHEMA
-        or not {"verdict", "hypotheses", "gap"} <= found.keys()
-    ):
-        raise ValueError(f"{folder / 'diagnosis.json'}: is no diagnosis of schema {SCHEMA}")
+    """What the diagnosis.json in ``folder`` holds. Raises InputFileError, and ValueError where it is none."""
+    path = folder / "diagnosis.json"
+    found = read_json(path, LARGEST, "diagnose again")
+    if not isinstance(found, dict) or found.get("schema") != SCHEMA or not _is_told(found):
+        raise ValueError(f"{path}: is no diagnosis of schema {SCHEMA}")
     return found
+
+
+def _is_told(found: Mapping[str, Any]) -> bool:
+    """Whether a diagnosis holds what table and page tell of it."""
+    try:
+        numbers = [found["gap"][when] for when in ("before", "after")]
+        numbers += [h["probability"] for h in found["hypotheses"] if h["effects"] is not None]
+        numbers += [
+            cause["probability"] for cause in found.get("causes", ()) if cause["effect"] and cause["joint"] >= 0
+        ]
+        data = found.get("data", {})
+        says = [*found["verdict"], *(r["what"] for r in data.get("repaired", ())), *data.get("warnings", ())]
+    except (LookupError, TypeError, AttributeError):
+        return False
+    return all(isinstance(word, str) for word in says) and all(n is None or is_number(n) for n in numbers)
 
 
 def _run(machine: Machine, folder: Path, command: Sequence[str], stop: threading.Event) -> Result:
@@ -272,36 +284,24 @@ def _ended(code: int | None, lines: list[str], folder: Path) -> tuple[Status, tu
         return Status.FAILED, tuple(lines[-5:]) or (f"it ended with exit code {code} and without a word.",), None
     try:
         return Status.DIAGNOSED, (), _diagnosis(folder)
-    except (OSError, ValueError) as error:
+    except (InputFileError, ValueError) as error:
         return Status.FAILED, (f"it left no diagnosis.json that can be read ({error}).",), None
 
 
 def _waited(command: Sequence[str], said: int, stop: threading.Event) -> int | None:
     """The exit code of ``command``, what it prints in the file ``said``; None where it was stopped or took too long.
 
-    Its own session: an interrupt from the keyboard reaches it through ``stop`` only, with all its children.
+    An interrupt from the keyboard reaches it through ``stop`` only.
     """
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH"))))
-    child = subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=said,
-        stderr=said,
-        env={**os.environ, "PYTHONPATH": beside},
-        start_new_session=True,
-    )
-    begun = time.monotonic()
-    try:
+    environment, begun = {**os.environ, "PYTHONPATH": beside}, time.monotonic()
+    with start_together(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment) as child:
         while not stop.is_set() and time.monotonic() - begun < _LONGEST:
             try:
-                return child.wait(_LOOK)
+                return int(child.wait(_LOOK))
             except subprocess.TimeoutExpired:
                 continue
-        return None
-    finally:
-        if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
+    return None
 
 
 def summary(results: Sequence[Result]) -> dict[str, Any]:
@@ -342,8 +342,7 @@ def _row(one: Result) -> dict[str, Any]:
 
 def write(path: Path, content: Mapping[str, Any]) -> None:
     """``content`` as JSON, whole or not at all."""
-    with whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()):
-        pass
+    write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
 def _digest(path: Path) -> str:

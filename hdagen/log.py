@@ -12,12 +12,15 @@ import numpy as np
 from hdagen import columns_toml, table
 from hdagen.columns import ColumnMap, ColumnsError, Mapped, Source, split_name
 from hdagen.csvfile import read_csv
+from hdagen.input_file import InputFileError, check_file
 from hdagen.matfile import read_mat
-from hdagen.names import list_some
+from hdagen.names import list_some, printable, shown, shown_path
+from hdagen.stretches import stretches
 from hdagen.table import LogError, Table
 
 __all__ = ["ColumnsError", "Log", "LogError", "gaps", "read", "write"]
 
+_LARGEST = 16 << 30  # bytes of a file
 _FORMATS = (".csv", ".tsv", ".txt", ".parquet", ".mat")
 _INPUTS = ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque")
 _POSITIONS = ("motor_position", "joint_position")
@@ -105,7 +108,8 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     if ignored:
         notes.append(f"Columns not used: {list_some(ignored, 12)}.")
     notes += _gap_notes(time, raw, mapped.start)
-    return Log(time, values, _count_joints(values), str(path), (*raw.notes, *mapped.notes, *notes))
+    said = tuple(printable(note) for note in (*raw.notes, *mapped.notes, *notes))
+    return Log(time, values, _count_joints(values), printable(path), said)
 
 
 def write(log: Log | Mapping[str, np.ndarray], path: Path | str) -> None:
@@ -130,12 +134,20 @@ def parts(time: np.ndarray, longest: float) -> list[tuple[int, int]]:
     return [(a, b) for a, b in pairwise(cuts) if b > a]
 
 
-def _read_table(path: Path, mapping: ColumnMap) -> Table:
+def check_log(path: Path) -> None:
+    """Refuse a log that is of no known format, not there, no regular file or too large, before anything is read. Raises
+    LogError."""
     if path.suffix.lower() not in _FORMATS:
-        raise LogError([f"{path}: no log ends in {path.suffix!r}; possible are {', '.join(_FORMATS)}."])
-    if not path.is_file():
-        found = "is a folder" if path.is_dir() else "there is no such file"
-        raise LogError([f"{path}: {found}; give the path of a log."])
+        possible = ", ".join(_FORMATS)
+        raise LogError([f"{shown_path(path)}: no log ends in {shown(path.suffix)}; possible are {possible}."])
+    try:
+        check_file(path, _LARGEST, "give the path of a log")
+    except InputFileError as error:
+        raise LogError([str(error)]) from None
+
+
+def _read_table(path: Path, mapping: ColumnMap) -> Table:
+    check_log(path)
     if path.suffix.lower() == ".parquet":
         return table.read_parquet(path, mapping.reads)
     if path.suffix.lower() == ".mat":
@@ -225,7 +237,7 @@ def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[s
         part = values[mapped.start : mapped.stop]
         bad = np.flatnonzero(~np.isfinite(part)) + mapped.start
         if len(bad) and not holes:
-            longest = int(np.diff(np.flatnonzero(np.diff(bad, prepend=-1, append=bad[-1] + 2) != 1)).max())
+            longest = int(np.diff(stretches(~np.isfinite(part))).max())
             problems.append(
                 f"{path}, {raw.place(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to {longest} "
                 f'together: cut them, or fill them with columns.toml [{name}] fill = "linear" ("hold" for a command).'

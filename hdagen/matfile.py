@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-_MEMORY = 2 << 30  # bytes of address space beyond what the libraries take
+_LARGEST = 2 << 30  # bytes of a file
+_MEMORY = 3 << 29  # bytes of address space beyond what the libraries take
 _SECONDS = 60.0
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _FAILED = 3  # the child's exit code where the reader refused the file, its reason on standard error
@@ -30,16 +31,18 @@ def read_mat(path: Path | str, seconds: float = _SECONDS, memory: int = _MEMORY)
     its rows as ``name(1,:)``, … where it is wider than tall. Raises LogError: damaged, too large (``memory``, bytes),
     too slow (``seconds``), version 7.3.
     """
-    from hdagen.table import LogError  # not above: the child runs this file without the package
+    from hdagen.input_file import InputFileError, check_file  # not above: the child runs this file without the package
+    from hdagen.table import LogError
 
     path = Path(path)
     try:
+        check_file(path, _LARGEST, "give the path of a .mat file")
         with path.open("rb") as file:
             head = file.read(1024)
+    except InputFileError as error:
+        raise LogError([str(error)]) from None
     except OSError as error:
-        raise LogError(
-            [f"{path}: cannot be read ({error.strerror}): check the path and that it may be read."]
-        ) from None
+        raise LogError([f"{path}: cannot be read ({error.strerror}); check that it may be read."]) from None
     if head.startswith((_HDF5, b"MATLAB 7.3")) or head[512:520] == _HDF5:
         raise LogError(
             [f"{path}: a MATLAB 7.3 (HDF5) file; possible are versions 4 to 7: in MATLAB save('log.mat', …, '-v7')."]

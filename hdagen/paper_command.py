@@ -86,12 +86,11 @@ def _whole(out: Path, contents: list[dict[str, Any]]) -> None:
     """The page of all figures, and results.json."""
     from hdagen.paper import document, page, store
     from hdagen.plant import PlantError
-    from hdagen.whole import whole
+    from hdagen.whole import write_whole
 
     try:
         page.write(out, contents, store.sections(out, [content["name"] for content in contents]))
-        with whole(out / "results.json", document.results(contents).encode()):
-            pass
+        write_whole(out / "results.json", document.results(contents).encode())
     except OSError as error:
         raise PlantError(f"{out}: {error.strerror}; choose another place with --out.") from None
 

@@ -13,7 +13,7 @@ from hdagen.given import is_number
 from hdagen.opening import PlantError
 
 if TYPE_CHECKING:
-    from hdagen.plant import Arm
+    from hdagen.plant import Arm, Array
 
 
 class UnknownParameter(PlantError, KeyError):
@@ -86,6 +86,15 @@ class Parameters(MutableMapping[str, float]):
         for name, value in values.items():
             p[self._found(name)] = value
         self._arm._prepare(p)
+
+    def place(self, name: str) -> int:
+        """Where a parameter stands in p. Raises UnknownParameter."""
+        return self._found(name)
+
+    def within(self, p: Array) -> Array:
+        """``p`` (np), each of its values moved to the nearest within the parameter's bounds."""
+        low, high = np.array([(q.low, q.high) for q in self.described.values()]).T
+        return np.clip(p, low, high)
 
     def reset(self) -> None:
         """Back to the robot file's values."""

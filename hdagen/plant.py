@@ -45,14 +45,15 @@ class StepJacobians:
 
 
 class Arm:
-    """A loaded arm. x, u and p are ordered as ``state_names``, ``input_names`` and ``parameters`` say; units are SI.
+    """An arm, loaded from the folder of a build. x, u and p are ordered as ``state_names``, ``input_names`` and
+    ``parameters`` say; units are SI.
 
     ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. Threads may share an arm
     whose parameters none of them sets: nothing else changes it, and `at` makes one with other parameters.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = folder = Path(folder)
         self.manifest, self.module = opened(folder)
         try:
             self._read()
@@ -283,6 +284,11 @@ class Arm:
         return Carried.of(self)
 
     @property
+    def _memory_step(self) -> float:
+        """The step that the memories of effects are prepared for, s; inf where none is slowed to one."""
+        return self.parameters.get("memory_step", math.inf)
+
+    @property
     def stable_step(self) -> float:
         """The robot file's step, or the shorter one that springs and walls as the parameters say allow, s."""
         return self._most(None)
@@ -293,7 +299,7 @@ class Arm:
 
     def _most(self, most: float | None) -> float:
         """The longest step of a rollout with the parameters at hand, s."""
-        return min(self._size(most), self.carried.longest(self.p))
+        return min(self._size(most), self.carried.longest(self.p), self._memory_step)
 
     def _size(self, h: float | None) -> float:
         size = self.step_size if h is None else h
@@ -309,10 +315,10 @@ def load(
     out: str | Path | None = None,
     mpc: Structured | None = None,
 ) -> Arm:
-    """The arm of a preset, a robot.toml, or a folder that `python -m gen build` made.
+    """The arm of a preset or a robot.toml; `Arm` loads the folder of a build.
 
     A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
-    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build); ``mpc``, a configuration of the
-    predictive controller, adds it to the library. Raises PlantError.
+    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build if it is there, else the user's cache);
+    ``mpc``, a configuration of the predictive controller, adds it to the library. Raises PlantError.
     """
     return Arm(folder_of(robot, profile, effects, out, mpc))

@@ -2,14 +2,14 @@
 
 What triage finds and can name as lines of a columns.toml is done (degrees, milliamperes, wrapped encoders, a measured
 input logged in the wrong row); rows without a value, or with a current that no drive gives, are taken out; dropped rows
-stay gaps, at which `segments` cuts. Everything else that would mislead a diagnosis is refused with what to record, and
-so is a log that holds another one's recording. A time skew is no mistake but a finding: the diagnosis has it among its
-candidates.
+stay gaps, at which `segments` cuts; what two logs share counts once. Everything else that would mislead a diagnosis is
+refused with what to record, and so is a log that holds hardly anything but another one's recording. A time skew is no
+mistake but a finding: the diagnosis has it among its candidates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 
 from hdagen import columns_toml
+from hdagen.channels import describe
 from hdagen.columns import split_name
 from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
+from hdagen.shared_motion import POSITIONS, Mask, fresh_rows, shared_motion
 from hdagen.stretches import stretches
 from hdagen.suspicion import against_model
 from hdagen.suspicion.finding import Finding, Severity, in_words
@@ -35,13 +37,9 @@ _EMPTY = 0.5  # share of a column without a value from which the column is left 
 _LOST = 0.1  # share of rows that may be missing
 _GAP = 0.01  # s without a row, over which a command cannot be taken as held
 _PERIODS = 3.5  # and at least as many periods
-_EXACT = 0.25  # of a position's noise; two recordings differ by more in most rows, even by whole counts
-_STRETCH, _ALIKE = 100, 0.9  # rows in motion that are looked for together, and the share of them that must be found
-_LOOKS = 64  # stretches of a log that are looked for in another
-_TURN = 2 * np.pi
 _NEEDED = (
     ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque"),
-    ("motor_position", "joint_position"),
+    POSITIONS,
 )
 
 
@@ -86,11 +84,13 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
     return Log(log.time, log.columns, log.n_joints, log.source, tuple(dict.fromkeys(notes))), repairs, seen
 
 
-def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[list[Log], list[Log], dict[str, Any]]:
-    """The logs and hold-outs, each repaired for a diagnosis with ``arm``, and what to say of the data, for a JSON file;
-    of the channels, that is what the first log has.
+def prepared(
+    arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]
+) -> tuple[list[Log], list[Log], list[Mask], dict[str, Any]]:
+    """The logs and hold-outs, each repaired for a diagnosis with ``arm``; of each the rows (T) whose motion no earlier
+    one holds; and what to say of the data, for a JSON file: of the channels, that is what the first log has.
 
-    Raises LogError with the problems of all, and where two of them hold the same recording.
+    Raises LogError with the problems of all, and where one of them holds hardly anything but another one's recording.
     """
     problems: list[str] = []
     done: list[tuple[Log, list[Repair], Triage | None]] = []
@@ -101,9 +101,9 @@ def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[li
             problems += error.problems
             done.append((one, [], None))
     ready = [one for one, _, _ in done]
-    problems = _twice(ready, len(logs), [seen for _, _, seen in done]) + problems
-    if problems:
-        raise LogError(problems)
+    fresh, shared, twice = _fresh(ready, len(logs), [seen for _, _, seen in done])
+    if twice or problems:
+        raise LogError(twice + problems)
     seen = [one for _, _, one in done if one]
     of_first = seen[0].data()
     said = {name: of_first[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
@@ -114,61 +114,49 @@ def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[li
     said["noticed"] = list(dict.fromkeys(s for one in seen for s in one.noticed))
     said["repaired"] = [
         {"log": one.source, "name": each.name, "joint": each.joint, "what": each.sentence}
-        for one, repairs, _ in done
-        for each in repairs
+        for (one, repairs, _), more in zip(done, shared, strict=True)
+        for each in (*repairs, *more)
     ]
     said["refused"] = []  # a log that is refused ends in no diagnosis
-    return ready[: len(logs)], ready[len(logs) :], said
+    return ready[: len(logs)], ready[len(logs) :], fresh, said
 
 
-def _twice(logs: Sequence[Log], fitted: int, seen: Sequence[Triage | None]) -> list[str]:
-    """What is wrong where two logs, of which the first ``fitted`` are no hold-outs, share motion: a fit that is judged
-    by the rows it was made from looks better than it is. A log that is refused has no triage."""
+def _fresh(
+    logs: Sequence[Log], fitted: int, seen: Sequence[Triage | None]
+) -> tuple[list[Mask], list[list[Repair]], list[str]]:
+    """Of each log, the first ``fitted`` of which are no hold-outs, the rows (T) whose motion no earlier one holds, what
+    to say where that is not all, and what is wrong where hardly anything is left. A log that is refused has no
+    triage."""
     noise = [{channel.name: channel.noise for channel in one.channels} if one else {} for one in seen]
-    problems = []
+    fresh, problems = [np.ones(len(log), bool) for log in logs], list[str]()
+    said: list[list[Repair]] = [[] for _ in logs]
     for (i, one), (j, two) in combinations(enumerate(logs), 2):
-        if at := _shared(one, two, noise[i]):
-            where = f"from {at[1]:.4g} s on as {one.source} has from {at[0]:.4g} s on"
+        if not (shared := shared_motion(one, two, noise[i])):
+            continue
+        fresh[j] &= fresh_rows(two, shared)
+        where = f"from {shared[0].other[0]:.4g} s on as {one.source} has from {shared[0].one[0]:.4g} s on"
+        if _useful(two, fresh[j]):
+            lasts = sum(span.other[1] - span.other[0] for span in shared)
+            sentence = f"{two.source}: {lasts:.3g} s are the same motion, {where}: these rows count once, there."
+            said[j].append(Repair("shared", 0, sentence))
+        elif i < fitted <= j:
             problems.append(
                 f"{two.source}: the hold-out is the log itself or a part of it, with the same motion {where}: give "
                 "another motion."
-                if i < fitted <= j
-                else f"{two.source}: the same motion {where}; leave one of them out."
             )
-    return problems
+        else:
+            problems.append(f"{two.source}: the same motion {where}; leave one of them out.")
+    return fresh, said, problems
 
 
-@np.errstate(invalid="ignore")  # a log that is refused may hold anything
-def _shared(log: Log, other: Log, noise: Mapping[str, float]) -> tuple[float, float] | None:
-    """Where two logs hold one recording, whole, cut or thinned: a time, s, in each; None where they do not.
-
-    Stretches of the log with fewer rows a second are looked for in the other one: rows that have, after the same times,
-    the same measured positions to a part of their ``noise``, whole turns apart. Two recordings of one motion differ in
-    most rows in motion; at rest counts can be equal, so only rows beside a change count.
-    """
-    if log.period > other.period:
-        return at[::-1] if (at := _shared(other, log, noise)) else None
-    names = [name for name in log.columns if (split_name(name) or ("", 0))[0] in _NEEDED[1] and name in other]
-    if not names:
-        return None
-    ours, theirs = (np.stack([one[name] for name in names]) for one in (log, other))
-    near = _EXACT * np.array([[noise.get(name, 0.0)] for name in names]) + 1e-9 * np.abs(ours).max(1, keepdims=True)
-    changes = np.any(np.diff(theirs) != 0, axis=0)
-    moving = np.flatnonzero(np.append(changes, False) | np.append(False, changes))
-    between = (log.time[1:] + log.time[:-1]) / 2
-    looks = np.linspace(0, max(len(moving) - _STRETCH, 0), _LOOKS).astype(int)
-    for rows in (moving[at : at + _STRETCH] for at in np.unique(looks) if moving.size):
-        first, found = rows[0], np.arange(len(log))
-        for mine, sought, within in zip(ours, theirs[:, first], near, strict=True):
-            off = mine[found] - sought
-            found = found[np.abs(off - _TURN * np.rint(off / _TURN)) <= within]
-        for part in (rows[1::10], rows[1:]):  # the few first: they leave hardly any place
-            same = np.searchsorted(between, log.time[found, None] + (other.time[part] - other.time[first]))
-            off = ours[:, same] - ours[:, found, None] - (theirs[:, part] - theirs[:, [first]])[:, None]
-            found = found[np.mean(np.all(np.abs(off) <= near[:, :, None], axis=0), axis=1) > _ALIKE]
-        if len(found):
-            return float(log.time[found[0]]), float(other.time[first])
-    return None
+def _useful(log: Log, rows: Mask) -> bool:
+    """Whether ``rows`` (T) of a log are motion of some length."""
+    lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in stretches(rows))
+    return lasts >= SHORTEST and any(
+        describe(name, values[rows]).moves
+        for name, values in log.columns.items()
+        if (split_name(name) or ("", 0))[0] in POSITIONS
+    )
 
 
 def segments(time: np.ndarray) -> list[tuple[int, int]]:

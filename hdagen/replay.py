@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen import late, verdict
 from hdagen.between_rows import between_rows
@@ -24,6 +25,7 @@ from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import Readings, Rows, encoder_noise, mechanical, memories, within
 
 WINDOW = 0.25  # s
+LEAST = 1e-3  # multiples of the noise, below which an error counts as this
 INPUTS = ("command", "measured")
 _ROUNDING = 1e-9  # of a window: a row that lies a rounding error before a boundary starts the next one
 _FIRST = 0.01  # s of rows that tell whether a log begins in motion
@@ -41,7 +43,7 @@ class Replay:
     deviation of the channel's noise; ``relative``: error as a share of the measurement's own root mean square.
     ``starts``: first rows of the windows. ``beyond_law``: rows in which a torsion lay beyond the spring law. ``notes``:
     what a reader must know, in sentences. ``guessed``: first rows of the windows that begin at rest though the log is
-    in motion there.
+    in motion there. ``inputs``: the measured channels that drove the model, in which it cannot err.
     """
 
     columns: dict[str, Array]
@@ -53,12 +55,35 @@ class Replay:
     beyond_law: int
     notes: tuple[str, ...]
     guessed: tuple[int, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> list[str]:
+        """The channels that a gap is counted over: those that the model can err in and whose noise is known."""
+        return [name for name in self.errors if name not in self.inputs and self.noise.get(name)]
 
     @property
     def gap(self) -> float:
-        """Geometric mean over the channels of error in multiples of noise."""
-        multiples = [max(self.errors[name] / self.noise[name], 1e-3) for name in self.errors if self.noise[name]]
-        return math.exp(float(np.mean(np.log(multiples)))) if multiples else math.nan
+        """What `joined` gives of the errors; NaN where no channel counts."""
+        names = self.channels
+        return float(joined(np.array([self.errors[name] / self.noise[name] for name in names]))) if names else math.nan
+
+    def over(self, log: Log, rows: NDArray[np.bool_], noise: Mapping[str, float]) -> Replay:
+        """The same with the errors of the channels in ``noise`` over ``rows`` (T) of its ``log`` alone, in that noise.
+
+        Raises LogError where one of them is not logged."""
+        if lacking := [name for name in noise if name not in self.errors]:
+            raise LogError([f"{log.source}: {', '.join(lacking)} is counted and not logged; take the same log."])
+        errors = {name: _rms((self.columns[name] - log[name])[rows]) for name in noise}
+        size = {name: _rms(log[name][rows]) for name in noise}
+        relative = {name: errors[name] / size[name] for name in errors if size[name]}
+        return replace(self, errors=errors, noise=dict(noise), relative=relative)
+
+
+def joined(multiples: Array) -> Array:
+    """The gap (…): the geometric mean over the channels of errors (…, channels), root mean squares in multiples of
+    each channel's noise."""
+    return np.asarray(np.exp(np.log(np.maximum(multiples, LEAST)).mean(-1)))
 
 
 def replay(
@@ -99,7 +124,8 @@ def replay(
         states.append(x)
         shown.append(at)
     found = compare(arm, log, np.concatenate(states), np.concatenate(shown), np.concatenate(begins), notes)
-    return replace(found, guessed=tuple(guessed))
+    driving = (driving_channel(log, j, input) for j in range(1, arm.n + 1))
+    return replace(found, guessed=tuple(guessed), inputs=tuple(name for name in driving if name in found.errors))
 
 
 def check(arm: Arm, log: Log) -> None:

@@ -26,13 +26,15 @@ _GEAR = (  # what `catalogue` stands for
     "law_torque",
     "hysteresis_loss",
 )
+SPRINGS = (*_GEAR[1:6], "torsional_damping")  # what a drive with springs has and a rigid one has not
 _FOLLOWS = {"law_torque": "flexspline_stiffening", "friction_smoothing": "ratio"}  # defaults made from another key
 _LUMPED = ("mass", "center_of_mass", "inertia")
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a number stands: ``table`` is gravity, joint, drive, or the name of an effect; joint 0 is the whole arm."""
+    """Where a number stands: ``table`` is top, gravity, joint, drive, or the name of an effect; joint 0 is the whole
+    arm."""
 
     table: str
     joint: int
@@ -41,6 +43,8 @@ class Place:
     def __str__(self) -> str:
         if self.table == "gravity":
             return f"gravity[{self.key}]"
+        if self.table == "top":
+            return self.key
         if self.table in ("joint", "drive"):
             return f"joint[{self.joint}].{'drive.' if self.table == 'drive' else ''}{self.key}"
         return f"{self.table}@{self.joint}.{self.key}"
@@ -83,7 +87,7 @@ class RobotFile:
     def holds(self, place: Place) -> bool:
         """Whether the file as it was read says the number, written or by default, and not only a table to be added."""
         stated = ((effect["name"], effect["joint"]) for effect in self._robot["effects"])
-        return place.table in ("gravity", "joint", "drive") or (place.table, place.joint) in stated
+        return place.table in ("top", "gravity", "joint", "drive") or (place.table, place.joint) in stated
 
     def put(self, place: Place, value: float, unit: str = "", share: float = 0.0) -> None:
         """Change or add a number; ``share`` is its relative standard deviation, stated where an added number of an
@@ -91,6 +95,8 @@ class RobotFile:
         if place.table == "gravity":
             entry = self._document["gravity"]
             _set(entry, int(place.key), value)
+        elif place.table == "top":
+            self._put_on_top(place.key, value, unit)
         elif place.table in ("joint", "drive"):
             self._put_key(place, value, unit)
         else:
@@ -125,6 +131,15 @@ class RobotFile:
             for key, leader in _FOLLOWS.items():
                 if f"{leader}_{joint}" in changed and key not in drive and stated["drive"][key] is not None:
                     _set(drive, key, wanted.parameters[f"{key}_{joint}"])
+
+    def _put_on_top(self, key: str, value: float, unit: str) -> None:
+        """A key of the file's own; a new one stands behind its gravity, before the comments of the first table."""
+        if key in self._document:
+            _set(self._document, key, value)
+        else:
+            item = tomlkit.item(value)
+            item.comment(unit)
+            self._document._insert_after("gravity", key, item)  # it would go behind those comments by itself
 
     def _put_key(self, place: Place, value: float, unit: str) -> None:
         table = self._joint(place.joint)

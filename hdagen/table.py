@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from hdagen.names import list_some, printable
+from hdagen.whole import open_whole
+
+MOST_COLUMNS = 10_000  # of a file
+MOST_CELLS = 100_000_000  # rows times columns in use: an hour of 27 columns at 1 kHz
+_MOST_UNPACKED = 10 * MOST_CELLS  # bytes
+_MOST_FOOTER = 16 << 20  # bytes that describe the columns and row groups of a Parquet file
+_MOST_PROBLEMS = 100  # that are said
+_SMALLER = "cut the log into shorter ones, or leave columns out with ignore in a columns.toml"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")  # a column name that needs no quoting anywhere
 
 
 class LogError(Exception):
-    """A log that cannot be used or written: ``problems`` holds one sentence for each thing wrong."""
+    """A log that cannot be used or written: ``problems`` holds one printable sentence for each thing wrong, of very
+    many the first."""
 
     def __init__(self, problems: list[str]) -> None:
-        self.problems = problems
-        super().__init__("\n".join(problems))
+        self.problems = [printable(problem) for problem in problems[:_MOST_PROBLEMS]]
+        if len(problems) > _MOST_PROBLEMS:
+            self.problems.append(f"{len(problems) - _MOST_PROBLEMS} more problems are not listed: mend these first.")
+        super().__init__("\n".join(self.problems))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +59,14 @@ def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
     import pyarrow.parquet as pq
 
     try:
+        _check_footer(path)
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             schema = file.schema_arrow
-            problems = duplicates(path, schema.names, keep)
-            wanted = [name for name in schema.names if keep(name)]
-            for name in wanted if not problems else ():
+            wanted = check_columns(path, schema.names, keep)
+            check_cells(path, file.metadata.num_rows, len(wanted))
+            _check_unpacked(path, file.metadata, set(wanted))
+            problems: list[str] = []
+            for name in wanted:
                 kind = schema.field(name).type
                 if not (is_number(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind)):
                     problems.append(
@@ -65,6 +79,8 @@ def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
             columns = {}
             for name in wanted:
                 columns[name] = _numbers(name, file.read(columns=[name]).column(0), notes)
+    except MemoryError:
+        raise LogError([f"{path}: there is not enough memory to read it; {_SMALLER}."]) from None
     except (pa.ArrowException, OSError, ValueError) as error:
         raise LogError(
             [
@@ -98,17 +114,55 @@ def _numbers(name: str, column: Any, notes: list[str]) -> np.ndarray:
     return np.ascontiguousarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 
-def duplicates(path: Path, names: list[str], keep: Callable[[str], bool]) -> list[str]:
-    """One sentence for each kept name that stands in the file more than once."""
-    problems = []
-    for name in dict.fromkeys(names):
-        places = [str(i + 1) for i, other in enumerate(names) if other == name]
-        if name and len(places) > 1 and keep(name):
-            problems.append(
-                f"{path}: column {name} stands {len(places)} times in the header (columns {', '.join(places)}); "
-                "which one counts cannot be known: rename or delete all but one."
-            )
-    return problems
+def check_columns(path: Path, names: Sequence[str], keep: Callable[[str], bool]) -> list[str]:
+    """The names for which ``keep(name)`` holds. Raises LogError where there are too many columns, or where one of them
+    stands in the file more than once."""
+    if len(names) > MOST_COLUMNS:
+        raise LogError(
+            [f"{path}: found {len(names)} columns, possible are {MOST_COLUMNS}; export those that are needed."]
+        )
+    wanted = [name for name in dict.fromkeys(names) if name and keep(name)]
+    places: dict[str, list[str]] = {name: [] for name in wanted}
+    for i, name in enumerate(names, 1):
+        if name in places:
+            places[name].append(str(i))
+    problems = [
+        f"{path}: column {name} stands {len(at)} times in the header (columns {list_some(at, 8)}); "
+        "which one counts cannot be known: rename or delete all but one."
+        for name, at in places.items()
+        if len(at) > 1
+    ]
+    if problems:
+        raise LogError(problems)
+    return wanted
+
+
+def check_cells(path: Path, rows: int, columns: int) -> None:
+    """Refuse more cells than a log may have, before any is read. Raises LogError."""
+    if rows * columns > MOST_CELLS:
+        raise LogError(
+            [f"{path}: found {rows} rows of {columns} columns in use, possible are {MOST_CELLS} cells; {_SMALLER}."]
+        )
+
+
+def _check_footer(path: Path) -> None:
+    """Refuse a Parquet file whose description of itself is too long to be one of a log's columns. Raises LogError."""
+    with path.open("rb") as file:
+        file.seek(-min(8, path.stat().st_size), os.SEEK_END)
+        length = int.from_bytes(file.read(4), "little")
+    if _MOST_FOOTER < length < path.stat().st_size:
+        raise LogError(
+            [f"{path}: its columns are described in {length} bytes, possible are {_MOST_FOOTER}; export those in use."]
+        )
+
+
+def _check_unpacked(path: Path, metadata: Any, wanted: set[str]) -> None:
+    """Refuse a Parquet file whose columns in use unpack to more than a log may have. Raises LogError."""
+    groups = (metadata.row_group(g) for g in range(metadata.num_row_groups))
+    chunks = (group.column(i) for group in groups for i in range(group.num_columns))
+    unpacked = sum(max(c.total_uncompressed_size, 0) for c in chunks if c.path_in_schema in wanted)
+    if unpacked > _MOST_UNPACKED:
+        raise LogError([f"{path}: unpacks to {unpacked} bytes, possible are {_MOST_UNPACKED}; {_SMALLER}."])
 
 
 def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
@@ -135,7 +189,8 @@ def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
 
     arrow = pa.table(columns)
     try:
-        _replace(path, lambda file: _emit(arrow, path.suffix, file))
+        with open_whole(path) as file:
+            _emit(arrow, path.suffix, file)
     except (OSError, pa.ArrowException) as error:
         why = getattr(error, "strerror", None) or first_line(error)
         raise LogError(
@@ -153,27 +208,6 @@ def _emit(arrow: Any, suffix: str, file: BinaryIO) -> None:
 
     file.write((",".join(arrow.column_names) + "\n").encode())
     pa_csv.write_csv(arrow, file, pa_csv.WriteOptions(include_header=False))
-
-
-def _replace(path: Path, emit: Callable[[BinaryIO], None]) -> None:
-    """Put what ``emit`` writes at ``path``: a new file beside it, synced, then renamed over it."""
-    temporary = path.with_name(f".{path.name[:200]}.{secrets.token_hex(8)}")
-    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            emit(file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    if os.name == "posix":  # the rename itself must reach the disk
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def first_line(error: BaseException) -> str:

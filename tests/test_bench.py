@@ -160,6 +160,14 @@ def test_ticks_of_every_controller_run_without_a_fault(tmp_path: Path) -> None:
     assert len(bench._ticks(arm, rounds=1)) == len(arm.manifest["controllers"]) == 5
 
 
+def test_bristles_of_the_robot_file_are_integrated_within_the_bar(tmp_path: Path) -> None:
+    """They have the L-stable step, of which the bar and what it costs speak."""
+    arm = load(bench._bristly(tmp_path / "bristles.toml", 2), out=tmp_path)
+    assert arm.manifest["stiff"] and "memory_step" not in arm.parameters
+    assert [arm.parameters[f"presliding_share_{j}"] for j in (1, 2)] == [1.0, 1.0]
+    assert bench._error(arm) <= BARS["error_with_bristles"]["bar"]
+
+
 @pytest.mark.campaign
 def test_the_whole_bench_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path))

@@ -45,4 +45,5 @@ def first(shooting: Shooting, words: Dictionary) -> Point:
     for c in words.columns:
         if c.seen:
             p[c.index] = c.tolerated
+    p = shooting.arm.parameters.within(p)
     return Point(p, shooting.begun(p))

@@ -159,7 +159,7 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
         if c.atom in fit.atoms and c.atom not in atoms:
             most = TOLERATED * c.spike * abs(c.unit)
             p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
-    point = Point(p, fit.design.point.begun)
+    point = Point(fit.design.shooting.arm.parameters.within(p), fit.design.point.begun)
     return _there(fit.design.shooting, words, atoms, point, fit.score.at.s, fit.clean)
 
 
@@ -338,9 +338,7 @@ def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, 
 def placed(at: Design, theta: Array, begun: Array) -> Point:
     """The point at θ within the bounds. What is not meant moves too: what is tolerated of an effect may be far above
     the noise, and its column tells it only roughly."""
-    described = list(at.shooting.arm.parameters.described.values())
     p = at.point.p.copy()
     for value, c in zip(theta, at.words.columns, strict=True):
-        q = described[c.index]
-        p[c.index] = min(max(c.center + float(value) * c.unit, q.low), q.high)
-    return Point(p, begun)
+        p[c.index] = c.center + float(value) * c.unit
+    return Point(at.shooting.arm.parameters.within(p), begun)

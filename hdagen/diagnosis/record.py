@@ -17,6 +17,7 @@ import numpy as np
 
 from hdagen.channels import describe
 from hdagen.columns import commanded
+from hdagen.determined import ROWS
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
@@ -80,6 +81,11 @@ class Record:
     def told(self) -> Array:
         """What was measured in the rows that are looked at (S, M)."""
         return self.measured[self.rows[np.concatenate(self.looked)]]
+
+    def missed(self, seen: Array) -> Array:
+        """What was measured less what a model has the channels read, ``seen`` (…, S, M); no larger than the channel's
+        range: one that flies apart, or gives no number, is as wrong as one can be."""
+        return np.asarray(np.clip(np.where(np.isfinite(seen), self.told - seen, self.span), -self.span, self.span))
 
     @cached_property
     def span(self) -> Array:
@@ -166,11 +172,14 @@ def _followed(log: Log, name: str, shown: Mask) -> float:
     """What no filter of the command explains of a measured torque: its sensor's noise, and what a torque loop leaves,
     which is not stated and much more."""
     command = log[commanded(name)]
-    lags = np.arange(max(round(FOLLOWED / log.period), 1) + 1)
+    most = max(int(shown.sum()) // ROWS - 2, 0)  # with more the fit would take the noise, too
+    lags = np.arange(min(max(round(FOLLOWED / log.period), 1), most) + 1)
     past = np.stack([np.append(np.full(k, command[0]), command[: len(command) - k]) for k in lags], 1)
     A = np.column_stack([past, np.ones(len(command))])[shown]
-    left = log[name][shown] - A @ np.linalg.lstsq(A, log[name][shown], rcond=None)[0]
-    return max(float(np.sqrt(np.mean(left**2))), describe(name, log[name][shown]).noise)
+    coefficients, _, rank, _ = np.linalg.lstsq(A, log[name][shown], rcond=None)
+    left = log[name][shown] - A @ coefficients
+    spread = float(np.sqrt(left @ left / max(len(left) - rank, 1)))
+    return max(spread, describe(name, log[name][shown]).noise)
 
 
 def usual_torque(arm: Arm, record: Record) -> Array:

@@ -126,11 +126,12 @@ def put_sizes(at: Design, words: Dictionary, atoms: tuple[int, ...], theta: Arra
 
 
 def put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
-    """The point of ``at`` with the atom's shapes and parameters at ``values``."""
+    """The point of ``at`` with the atom's shapes and parameters at ``values``, as far as their bounds allow."""
     p, begun = at.point.p.copy(), at.point.begun
     atom.shape(at.shooting.arm, p)
     for index, value in values.items():
         p[index] = value
+    p = at.shooting.arm.parameters.within(p)
     if atom.place == "sensor":  # the windows begin where the encoders say
         begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
     return Point(p, begun)

@@ -36,6 +36,7 @@ def with_springs(
     if len(arm.manifest["flexible"]) == arm.n:
         return found
     flexible = load(robot, "native", ("all", EFFECT))
+    _tell_rigid(flexible, say)
     if len(flexible.manifest["flexible"]) == len(arm.manifest["flexible"]):
         return found  # no rotor that could turn by itself
     _narrowed(flexible)
@@ -58,7 +59,7 @@ def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design
     beside = tuple(k for k, atom in enumerate(words.atoms) if atom.name in lead.names and atom.first)
     alone: list[Fitted] = []
     for size in SIZES:
-        p = _stiffened(words, springs, shooting.arm.p.copy(), size)
+        p = _stiffened(shooting.arm, words, springs, shooting.arm.p.copy(), size)
         at = design(shooting, words, Point(p, shooting.begun(p)))
         alone.append(begun(at, words, springs, near))
     if not beside or max(fit.score.evidence for fit in alone) >= lead.reached:
@@ -66,24 +67,32 @@ def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design
     least = none.reached + TRAILING * (lead.reached - none.reached)
     field = [fit for fit in alone if fit.score.evidence >= least]
     for size in SIZES:
-        p = _stiffened(words, springs, _carried_over(shooting.arm, lead), size)
+        p = _stiffened(shooting.arm, words, springs, _carried_over(shooting.arm, lead), size)
         field.append(begun(at, words, (*springs, *beside), near, Point(p, shooting.begun(p))))
     return at, words, field
 
 
-def _stiffened(words: Dictionary, springs: tuple[int, ...], p: Array, size: float) -> Array:
-    """The parameters (np) with springs at a size, in place."""
+def _stiffened(flexible: Arm, words: Dictionary, springs: tuple[int, ...], p: Array, size: float) -> Array:
+    """Parameters (np) with springs at a size, within their bounds."""
     for c in words.columns:
         if c.atom in springs:
             p[c.index] = c.center + size * c.unit
-    return p
+    return flexible.parameters.within(p)
 
 
 def _carried_over(flexible: Arm, lead: Fitted) -> Array:
     """The parameters (np) of a model with springs as they are where a fit without stands."""
     stood = dict(zip(lead.design.shooting.arm.parameters.described, lead.design.point.p, strict=True))
-    described = flexible.parameters.described.values()
-    return np.array([min(max(stood.get(q.name, q.nominal), q.low), q.high) for q in described])
+    return np.array([stood.get(name, q.nominal) for name, q in flexible.parameters.described.items()])
+
+
+def _tell_rigid(flexible: Arm, say: Callable[[str], None]) -> None:
+    """Which joints with a rotor have no spring even here, and the number because of which."""
+    for j in range(1, flexible.n + 1):
+        inertia = flexible.parameters[f"motor_inertia_{j}"]
+        if j not in flexible.manifest["flexible"] and inertia:
+            step = f"a step of {flexible.step_size:g} s carries no spring beside motor_inertia = {inertia:g} kg m²"
+            say(f"joint {j} stays rigid: {step}")
 
 
 def _narrowed(flexible: Arm) -> None:

@@ -153,7 +153,7 @@ def _left(before: Replay, after: Replay, held: Portion) -> dict[int, float]:
     shares: dict[int, float] = {}
     for name, channel in by_channel(before, after, held).items():
         quantity, _, j = name.rpartition("_")
-        if quantity.endswith("position") or channel["before"] > ABOVE:
+        if channel["before"] > (0.0 if quantity.endswith("position") else ABOVE):
             share = channel["after"] / channel["before"] if channel["after"] > ABOVE else 0.0
             shares[int(j)] = min(share, shares.get(int(j), share))
     return shares

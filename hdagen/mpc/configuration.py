@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from hdagen.input_file import InputFileError, read_toml
 from hdagen.mpc.fitting import nearest, refusals
 from hdagen.mpc.keys import KEYS, TABLES, Key, keys
-from hdagen.names import meant
+from hdagen.names import meant, shown, shown_path
 from hdagen.plant import PlantError
 
 LARGEST = 100_000  # bytes of a controller.toml
@@ -75,15 +75,11 @@ class Configuration:
 
 def read(path: str | Path) -> Configuration:
     """The configuration of a controller.toml. Raises PlantError with every problem."""
-    path = Path(path)
     try:
-        if path.stat().st_size > LARGEST:
-            raise PlantError(f"{path}: larger than {LARGEST} bytes, no controller.toml is; name one.")
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        why = getattr(error, "strerror", None) or str(error)[:200]
-        raise PlantError(f"{path}: cannot be read as TOML ({why}); see docs/mpc.md for what it holds.") from None
-    return checked(content, str(path))
+        content = read_toml(Path(path), LARGEST, "see docs/mpc.md for what a controller.toml holds")
+    except InputFileError as error:
+        raise PlantError(error) from None
+    return checked(content, shown_path(path))
 
 
 def checked(content: Mapping[str, Any], where: str) -> Configuration:
@@ -116,7 +112,7 @@ def _table(where: str, table: str, entries: Any, values: dict[str, Any], problem
         elif value is not None:
             found, why = _value(known[name], value)
             if why:
-                problems.append(f"{where}, {table}.{name}: found {value!r:.60}, possible is {why}.")
+                problems.append(f"{where}, {table}.{name}: found {shown(value)}, possible is {why}.")
             else:
                 values[f"{table}.{name}"] = found
 

@@ -1,0 +1,60 @@
+"""A robot.toml read and parsed: what is no regular file, too large, no UTF-8 or no TOML ends in a sentence."""
+
+from __future__ import annotations
+
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from gen.description import RobotError
+from gen.entry import shown
+from gen.presets import presets
+
+LARGEST = 1_000_000  # bytes of a file
+# 64 parts of one key, which take time with the square of their number: no robot has a use for them
+_PART = r"""(?:[\w-]{1,200}+|"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]{0,200}+')[ \t]*+"""
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{64}}")
+
+
+def read_robot(file: Path, label: str) -> bytes:
+    """What the file called ``label`` in errors holds. Raises RobotError."""
+    possible = f"possible is a robot.toml or one of {', '.join(presets())}"
+    try:
+        if not stat.S_ISREG(file.stat().st_mode):  # a pipe without a writer would wait
+            raise RobotError([f"{label}: found no regular file, {possible}; correct the name."])
+        with file.open("rb") as stream:
+            raw = stream.read(LARGEST + 1)
+    except FileNotFoundError:
+        raise RobotError([f"{label}: found no such file, {possible}; correct the name."]) from None
+    except (OSError, ValueError) as problem:
+        why = getattr(problem, "strerror", None) or str(problem)
+        raise RobotError(
+            [f"{label}: found a file that cannot be read ({why}), {possible}; check name and rights."]
+        ) from None
+    if len(raw) > LARGEST:
+        raise RobotError([f"{label}: found more than {LARGEST} bytes, {possible}, which is far smaller; name one."])
+    return raw
+
+
+def parse_robot(raw: bytes, label: str) -> dict[str, Any]:
+    """The tables of a robot.toml called ``label`` in errors. Raises RobotError."""
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise RobotError([f"{label}: found text in UTF-16, possible is UTF-8; save the file as UTF-8."])
+    try:
+        text = raw.decode("utf-8-sig")
+        if found := _LONG_KEY.search(text):
+            line = text.count("\n", 0, found.end()) + 1
+            raise RobotError([f"{label}: found a key of more than 64 parts in line {line}; correct it there."])
+        return tomllib.loads(text)
+    except UnicodeDecodeError as problem:
+        where = f"the first at byte {problem.start}"
+        raise RobotError(
+            [f"{label}: found bytes that are not UTF-8 ({where}), possible is UTF-8; save it so."]
+        ) from None
+    except (ValueError, RecursionError) as problem:
+        why = "too deeply nested" if isinstance(problem, RecursionError) else shown(str(problem))[1:-1]
+        raise RobotError(
+            [f"{label}: found text that is not TOML ({why}), possible is TOML; correct it there."]
+        ) from None
