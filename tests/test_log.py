@@ -770,7 +770,7 @@ def test_dfki_torques_come_to_the_motor(data_dir: Path) -> None:
     for path in paths[:2] + paths[-1:]:
         log = read(path, EXAMPLES / "dfki" / "columns.toml", joints=2)
         table = np.genfromtxt(path, delimiter=",", names=True)
-        assert np.array_equal(log.time, table["time"])
+        assert np.array_equal(log.logged_time, table["time"])
         for joint in (1, 2):
             assert np.allclose(log[f"motor_torque_command_{joint}"], table[f"tau_con{joint}"] / 6, rtol=1e-15, atol=0)
             assert np.array_equal(log[f"joint_position_{joint}"], table[f"pos_meas{joint}"])
