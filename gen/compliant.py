@@ -50,7 +50,7 @@ def compliant(robot: Robot, given: Collection[int]) -> Robot:
             joints[j - 1] = robot.joints[j - 1]
         elif values != {p.name: Value(p.nominal, 0.0) for p in EFFECT.parameters}:
             joints[j - 1] = _flexible(robot.joints[j - 1], softness, robot.step)
-            assumed.append(StatedEffect(EFFECT.name, j, values))
+            assumed.append(StatedEffect(EFFECT.name, j, values, assumed=True))
     return replace(robot, joints=tuple(joints), effects=(*robot.effects, *assumed))
 
 

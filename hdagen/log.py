@@ -15,13 +15,13 @@ from hdagen.columns import ColumnMap, ColumnsError, Mapped, Source, split_name
 from hdagen.csvfile import read_csv
 from hdagen.input_file import InputFileError, check_file
 from hdagen.matfile import read_mat
-from hdagen.names import list_some, printable, shown, shown_path
+from hdagen.names import list_nearest, list_some, printable, shown, shown_path
 from hdagen.stretches import stretches
 from hdagen.table import LogError, Table
 
 __all__ = ["ColumnsError", "Log", "LogError", "gaps", "read", "write"]
 
-_LARGEST = 16 << 30  # bytes of a file
+LARGEST = 4 << 30  # bytes of a file
 _FORMATS = (".csv", ".tsv", ".txt", ".parquet", ".mat")
 _INPUTS = ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque")
 _POSITIONS = ("motor_position", "joint_position")
@@ -126,7 +126,7 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
         notes.append(f"Columns not used: {list_some(ignored, 12)}.")
     stamps = None if logged is None or logged is mapped.time else logged[part]
     log = _on_better_clock(Log(time, values, _count_joints(values), printable(path), tuple(mapped.notes), stamps))
-    said = (*raw.notes, *log.notes, *notes, *_gap_notes(log.time, raw, mapped.start))
+    said = (*raw.notes, *log.notes, *notes, *_gap_notes(log.time, raw, part))
     return replace(log, notes=tuple(printable(note) for note in said))
 
 
@@ -183,7 +183,7 @@ def check_log(path: Path) -> None:
         possible = ", ".join(_FORMATS)
         raise LogError([f"{shown_path(path)}: no log ends in {shown(path.suffix)}; possible are {possible}."])
     try:
-        check_file(path, _LARGEST, "give the path of a log")
+        check_file(path, LARGEST, "give the path of a log")
     except InputFileError as error:
         raise LogError([str(error)]) from None
 
@@ -204,12 +204,10 @@ def _count_joints(columns: Mapping[str, np.ndarray]) -> int:
 
 def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -> list[str]:
     """What a log needs: time, and per joint one current or torque and one position."""
-    problems = []
-    has = f"the file has {list_some(raw.names)}"
+    problems, lacking = [], list[str]()
     if mapped.time is None:
-        problems.append(
-            f"{path}: there is no column time; {has}: name it so, or say in columns.toml [time] from = which."
-        )
+        problems.append(f"{path}: there is no column time: name it so, or say in columns.toml [time] from = which.")
+        lacking.append("time")
     found = _count_joints(mapped.columns)
     if joints is not None and found > joints:
         problems.append(
@@ -218,16 +216,18 @@ def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -
         )
     wanted = found if joints is None else joints
     if wanted == 0:
-        problems.append(f"{path}: no column of any joint was found; {has}: map them with a columns.toml.")
+        problems.append(f"{path}: no column of any joint was found: map them with a columns.toml.")
+        lacking += [f"{base}_1" for base in (*_INPUTS, *_POSITIONS)]
     for joint in range(1, wanted + 1):
         for what, bases in (("current or torque", _INPUTS), ("position", _POSITIONS)):
             names = [f"{base}_{joint}" for base in bases]
             if not any(name in mapped.columns for name in names):
                 problems.append(
-                    f"{path}: joint {joint} has no {what}; one of {', '.join(names)} is needed and {has}: "
-                    "log it, or map it with a columns.toml."
+                    f"{path}: joint {joint} has no {what}; one of {', '.join(names)} is needed: log it, or map it with "
+                    "a columns.toml."
                 )
-    return problems
+                lacking += names
+    return [*problems, f"{path}: the file has {list_nearest(lacking, raw.names, 40)}."] if lacking else problems
 
 
 def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source: Source | None) -> list[str]:
@@ -279,7 +279,9 @@ def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[s
     for name, values in mapped.columns.items():
         part = values[mapped.start : mapped.stop]
         bad = np.flatnonzero(~np.isfinite(part)) + mapped.start
-        if len(bad) and not holes:
+        if len(bad) and len(bad) == len(part) and not holes:
+            problems.append(f'{path}: column {name} has no value in any row: leave it out with ignore = ["{name}"].')
+        elif len(bad) and not holes:
             longest = int(np.diff(stretches(~np.isfinite(part))).max())
             problems.append(
                 f"{path}, {raw.place(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to {longest} "
@@ -295,7 +297,8 @@ def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[s
     return problems
 
 
-def _gap_notes(time: np.ndarray, raw: Table, start: int) -> list[str]:
+def _gap_notes(time: np.ndarray, raw: Table, rows_of: np.ndarray) -> list[str]:
+    """What is missing in ``time`` (T,), whose rows are ``rows_of`` (T,) of the file."""
     rows, missing = gaps(time)
     if not len(rows):
         return []
@@ -303,5 +306,5 @@ def _gap_notes(time: np.ndarray, raw: Table, start: int) -> list[str]:
     share = 100 * missing.sum() / (len(time) + missing.sum())
     return [
         f"{missing.sum()} sample(s) are missing in {len(rows)} gap(s), {share:.2g} % of the log; "
-        f"the longest is {time[k + 1] - time[k]:.4g} s after {raw.place(k + start)}."
+        f"the longest is {time[k + 1] - time[k]:.4g} s after {raw.place(int(rows_of[k]))}."
     ]

@@ -17,6 +17,7 @@ from stub_compiler import stub_compiler
 from gen import build as builds
 from gen.__main__ import main
 from gen.check import report
+from gen.description import canonical
 from gen.effects import ALL, NOMINAL
 from gen.functions import assemble
 from gen.mass import mass_matrix
@@ -305,5 +306,6 @@ def test_a_spring_that_is_only_looked_for_is_carried_by_the_step_that_carries_th
     assert looked.refusals("robot") == []
     model = made.graphs.model
     assert model.flexible == (tuple(range(1, joints + 1)) if turns else ())
+    assert canonical(model.robot)["effects"] == []  # the file states none
     for q in (q for q in model.quantities if q.effect == "missing_compliance"):
         assert q.low <= q.nominal <= q.high, q.name

@@ -254,7 +254,7 @@ def test_nothing_jumps_where_much_is_there_a_little(build: Builder, share: float
     assert jumps == {}
 
 
-QUICK = arms.arm("R", step=1e-4, drive=f"torque_constant = 0.05\nmax_current = 10.0\n{SENSORS}")
+QUICK = arms.arm("R", step=1e-4, drive=f"torque_constant = 0.05\nmax_current = 40.0\n{SENSORS}")
 
 
 @pytest.fixture(scope="module")
@@ -277,6 +277,21 @@ def test_memories_are_carried_by_the_step_that_lanes_take_whatever_the_robot_fil
     assert memories.shape[1] == 2
     assert (np.abs(memories).max(0) < 1.05).all() and np.abs(memories[:, 0]).max() > 0.95
     assert quick.arm.at(p).parameters["memory_step"] == quick.arm.step_size
+
+
+def test_a_fit_moves_whatever_step_the_robot_file_states(quick: Shooting) -> None:
+    """A little of every memory is tolerated, so that none of its simulations is one without."""
+    real = quick.arm.at(quick.arm.p)
+    real.parameters["viscous_friction_1"] *= 5.0
+    log = simulated(real)
+    sh = Shooting(quick.arm, record(quick.arm, Portion(log, np.ones(len(log), bool)), 0.05))
+    words = dictionary(sh.arm, suggested(sh.arm, sh.record))
+    (k,) = (k for k, atom in enumerate(words.atoms) if atom.name == "viscous_friction@1")
+    fit = begin_fit(design(sh, words, first(sh, words)), words, (k,), 0.1)
+    found = advanced(advanced(fit, words), words)
+    place = sh.arm.parameters.place("viscous_friction_1")
+    assert found.design.point.p[place] == pytest.approx(real.p[place], rel=0.05)
+    assert sh.run > 100 and not sh.failed
 
 
 def test_a_rollout_takes_no_longer_steps_than_its_memories_are_prepared_for(quick: Shooting) -> None:

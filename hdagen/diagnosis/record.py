@@ -17,6 +17,7 @@ import numpy as np
 
 from hdagen.channels import describe
 from hdagen.columns import commanded
+from hdagen.determined import ROWS
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
@@ -179,11 +180,14 @@ def _followed(log: Log, name: str, shown: Mask) -> float:
     """What no filter of the command explains of a measured torque: its sensor's noise, and what a torque loop leaves,
     which is not stated and much more."""
     command = log[commanded(name)]
-    lags = np.arange(max(round(FOLLOWED / log.period), 1) + 1)
+    most = max(int(shown.sum()) // ROWS - 2, 0)  # with more the fit would take the noise, too
+    lags = np.arange(min(max(round(FOLLOWED / log.period), 1), most) + 1)
     past = np.stack([np.append(np.full(k, command[0]), command[: len(command) - k]) for k in lags], 1)
     A = np.column_stack([past, np.ones(len(command))])[shown]
-    left = log[name][shown] - A @ np.linalg.lstsq(A, log[name][shown], rcond=None)[0]
-    return max(float(np.sqrt(np.mean(left**2))), describe(name, log[name][shown]).noise)
+    coefficients, _, rank, _ = np.linalg.lstsq(A, log[name][shown], rcond=None)
+    left = log[name][shown] - A @ coefficients
+    spread = float(np.sqrt(left @ left / max(len(left) - rank, 1)))
+    return max(spread, describe(name, log[name][shown]).noise)
 
 
 def usual_torque(arm: Arm, record: Record) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hdagen.channels import Channel, even, relation
 from hdagen.columns import split_name
+from hdagen.determined import is_determined
 from hdagen.log import Log, gaps
 from hdagen.suspicion.finding import Finding, Machine, Severity, in_words
 from hdagen.suspicion.misread import Place, after_gaps, wrapping
@@ -318,6 +319,8 @@ def skews(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: l
         slow = max(0.05 * float(np.quantile(np.abs(speed), 0.9)), 1e-12)
         terms = [speed, grid.rate(speed), np.tanh(speed / slow), position, np.ones_like(speed)]
         matrix = np.stack(terms, 1)[:: grid.width]
+        if not is_determined(matrix):
+            continue
         matrix /= np.abs(matrix).max(0)
         delay = np.linalg.lstsq(matrix, twist[:: grid.width], rcond=1e-9)[0][0] / np.abs(speed[:: grid.width]).max()
         if abs(delay) > log.period:
