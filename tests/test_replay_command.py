@@ -121,7 +121,7 @@ def test_the_command_refuses_in_sentences(command: Callable, files: Path, capsys
         (("--window", "0"), "a window is longer than 0 s"),
         (("--bandwidth", "-2"), "--bandwidth -2"),
         (("--closed-loop", "c.toml", "--input", "measured"), "exclude each other"),
-        (("--out", files / "x.txt"), "possible: .parquet, .csv"),
+        (("--out", files / "x.txt"), "possible are .csv and .parquet"),
         (("--out", files / "nowhere" / "x.csv"), "there is no folder"),
         (("--out", log), "is the log itself"),
         (("--with", files / "absent.json"), "absent.json"),
