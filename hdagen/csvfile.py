@@ -14,6 +14,8 @@ from hdagen.names import list_some
 from hdagen.table import MOST_CELLS, LogError, Table, check_cells, check_columns, first_line
 
 _HEAD = 1 << 20  # bytes in which the header must end, and every row
+_TAIL = 4096  # bytes at the end that are looked at
+_MOST_BAD = 10_000  # bad rows and cells, after which no more is looked at
 _CELL = 131_072  # characters of a cell, which Python's reader refuses beyond
 _SHOWN = 5  # bad rows named one by one; the rest is counted
 _NULLS = ("", "nan", "-nan", "NaN", "NAN", "Nan", "NA", "N/A", "#N/A", "null", "NULL", "None")
@@ -83,12 +85,22 @@ def read_csv(path: Path, keep: Callable[[str], bool]) -> Table:
 
 
 def _check_rows(path: Path, width: int, wanted: int) -> None:
-    """Refuse more cells than a log may have; a row has a byte for each of ``width`` columns, and ends in a line. Raises
-    LogError."""
-    if path.stat().st_size // max(width, 1) * wanted > MOST_CELLS:
-        with path.open("rb") as file:
-            rows = sum(max(map(block.count, (b"\n", b"\r"))) for block in iter(lambda: file.read(1 << 24), b""))
-        check_cells(path, rows, wanted)
+    """Refuse a file that ends in zeros, and one with more cells than a log may have; a row has a byte for each of
+    ``width`` columns, and ends in a line. Raises LogError."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        file.seek(max(0, size - _TAIL))
+        if not file.read(_TAIL).strip(b"\0"):
+            raise LogError(
+                [f"{path}: the file ends in zero bytes, as a crash leaves them: cut them off, or copy it again."]
+            )
+        if size // max(width, 1) * wanted <= MOST_CELLS:
+            return
+        file.seek(0)
+        ends = b"\n" if b"\n" in file.read(_HEAD) else b"\r"
+        file.seek(0)
+        rows = sum(block.count(ends) for block in iter(lambda: file.read(1 << 22), b""))
+    check_cells(path, rows, wanted)
 
 
 def _layout(path: Path) -> _Layout:
@@ -147,11 +159,14 @@ def _refuse_foreign(path: Path, head: bytes) -> None:
     for mark_, format_ in _FOREIGN.items():
         if what is None and head.startswith(mark_):
             what = format_
+    if what is None and head and not head.strip(b"\0"):
+        what = "nothing but zero bytes, as a crash leaves them: copy it again"
     if what is None and not head.strip():
         what = "empty: record it again, or copy it again"
-    if what is None and b"\0" in head[:4096]:  # UTF-16 without its mark has a zero in every other byte
+    begin = head[:4096].rstrip(b"\0")  # zeros at the end are told of where the rows are
+    if what is None and b"\0" in begin:  # UTF-16 without its mark has a zero in every other byte
         what = "binary, not text; possible are CSV text, .parquet and .mat: export it as one of these"
-        if head[:4096].count(b"\0") > 0.3 * len(head[:4096]):
+        if begin.count(b"\0") > 0.3 * len(begin):
             what = "UTF-16 text; possible is UTF-8: iconv -f UTF-16LE -t UTF-8 old.csv > new.csv converts it"
     if what is not None:
         raise LogError([f"{path}: the file is {what}."])
@@ -166,39 +181,50 @@ def _is_row(line: str) -> bool:
 def _diagnose(path: Path, layout: _Layout, wanted: list[int]) -> list[str]:
     """Walk a file that the fast reader refused; name each row of the wrong length and each cell that is no number."""
     width = len(layout.names)
-    broken: list[tuple[int, str]] = []
-    ragged: list[tuple[int, int]] = []
-    cells: list[tuple[int, int, str]] = []
+    problems: list[str] = []
+    ragged = cells = last_ragged = last_cell = 0
     for line, row in _rows(path, layout):
+        if ragged + cells > _MOST_BAD:
+            problems.append(f"{path}: there are more, and what follows line {line} was not looked at.")
+            break
         if isinstance(row, str):
-            broken.append((line, row))
-            continue
-        if len(row) != width:
-            ragged.append((line, len(row)))
-            continue
-        for i in wanted:
-            text = row[i].strip().replace(layout.decimal, ".")
-            if text not in _NULLS and not _NUMBER.fullmatch(text):
-                cells.append((line, i, row[i].strip()))
-    problems = [f"{path}, line {line}: {why}." for line, why in broken[:_SHOWN]]
-    for line, length in ragged[:_SHOWN]:
-        hint = "delete or complete the line"
-        if layout.delimiter == "," and length > width:
-            hint = (
-                "if the numbers have decimal commas, export with decimal points, or with semicolons between the columns"
-            )
-        problems.append(f"{path}, line {line}: {length} cells where the header has {width}: {hint}.")
-    for line, i, text in cells[:_SHOWN]:
-        hint = "correct or delete it (an empty cell means: no value)"
-        if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", text):
-            hint = "it has a decimal comma: export with decimal points, or with semicolons between the columns"
-        elif line == layout.first_line:
-            hint = "if the line holds units, delete it and state them in columns.toml"
-        problems.append(f"{path}, line {line}, column {layout.names[i]}: {text[:40]!r} is not a number: {hint}.")
-    for what, bad in (("line(s) of the wrong length", ragged), ("cell(s) that are not numbers", cells)):
-        if len(bad) > _SHOWN:
-            problems.append(f"{path}: {len(bad)} {what} in all, the last in line {bad[-1][0]}.")
+            problems.append(f"{path}, line {line}: {row}.")
+        elif len(row) != width:
+            ragged, last_ragged = ragged + 1, line
+            if ragged <= _SHOWN:
+                problems.append(_of_ragged(path, layout, line, len(row)))
+        else:
+            for i in wanted:
+                text = row[i].strip().replace(layout.decimal, ".")
+                if text not in _NULLS and not _NUMBER.fullmatch(text):
+                    cells, last_cell = cells + 1, line
+                    if cells <= _SHOWN:
+                        problems.append(_of_cell(path, layout, line, i, row[i].strip()))
+    for what, bad, last in (
+        ("line(s) of the wrong length", ragged, last_ragged),
+        ("cell(s) that are not numbers", cells, last_cell),
+    ):
+        if bad > _SHOWN:
+            problems.append(f"{path}: {bad} {what} in all, the last in line {last}.")
     return problems
+
+
+def _of_ragged(path: Path, layout: _Layout, line: int, length: int) -> str:
+    """What is wrong with a row of ``length`` cells."""
+    width, hint = len(layout.names), "delete or complete the line"
+    if layout.delimiter == "," and length > width:
+        hint = "if the numbers have decimal commas, export with decimal points, or with semicolons between the columns"
+    return f"{path}, line {line}: {length} cells where the header has {width}: {hint}."
+
+
+def _of_cell(path: Path, layout: _Layout, line: int, column: int, text: str) -> str:
+    """What is wrong with a cell that is no number."""
+    hint = "correct or delete it (an empty cell means: no value)"
+    if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", text):
+        hint = "it has a decimal comma: export with decimal points, or with semicolons between the columns"
+    elif line == layout.first_line:
+        hint = "if the line holds units, delete it and state them in columns.toml"
+    return f"{path}, line {line}, column {layout.names[column]}: {text[:40]!r} is not a number: {hint}."
 
 
 def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, list[str] | str]]:
@@ -207,8 +233,8 @@ def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, list[str] | str]]:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         for line, text in enumerate(iter(lambda: file.readline(_HEAD), ""), start=1):
             if len(text) == _HEAD:
-                zeros = "zero bytes, as a crash leaves them" if text.count("\0") > _HEAD / 2 else "no end of the line"
-                yield line, f"there are {zeros}, in {_HEAD} characters: cut the file before it, or copy it again"
+                zeros = "nothing but zeros" if text.count("\0") > _HEAD / 2 else "no end of the line"
+                yield line, f"there is {zeros}, in {_HEAD} characters: cut the file before it, or copy it again"
                 return
             if line < layout.first_line or not text.strip():
                 continue

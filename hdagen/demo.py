@@ -16,7 +16,7 @@ from hdagen.control import Controller, Guard, Safe
 from hdagen.demo_replay import Replayed, data_folder, emps, shipped
 from hdagen.plant import Arm, Array, load
 from hdagen.reference import Reference, circle
-from hdagen.simulate import Push, Simulation, ideal, run
+from hdagen.simulation import Push, Simulation, ideal, run
 
 ROBOT = "paper"
 LAWS = ("impedance_cartesian", "admittance_cartesian")

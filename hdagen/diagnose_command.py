@@ -50,6 +50,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--jobs", type=int, metavar="J", help="machines of a fleet at the same time (default: half the cores)"
     )
+    p.add_argument("--json", action="store_true", help="print diagnosis.json or fleet.json, with where the page is")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -124,7 +125,12 @@ def _one(options: argparse.Namespace) -> int:
         text = json.dumps(found.content, indent=1, allow_nan=False) + "\n"
         write_whole(out / "diagnosis.json", text.encode())
         report.write(found, out / "report.html", _again(options, found.content))
-    print(sentence(found.content))
+    said = sentence(found.content)
+    if options.json:
+        beside = {"sentence": said, "left_out": list(found.left_out), "page": str(out / "report.html")}
+        print(json.dumps(found.content | beside, indent=1))
+        return DONE
+    print(said)
     for failure in found.left_out:
         print(failure)
     print(out / "report.html")
@@ -148,8 +154,6 @@ def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
 
 def _fleet(options: argparse.Namespace) -> int:
     """All machines, the table, and the page; what an interrupt leaves is written, too."""
-    from rich.console import Console
-
     from hdagen import fleet, fleet_page
 
     machines = fleet.read(options.fleet)
@@ -161,14 +165,25 @@ def _fleet(options: argparse.Namespace) -> int:
         )
         fleet.write(out / "fleet.json", fleet.summary(results))
         fleet_page.write(out / "fleet.html", options.fleet, results)
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
-    console.print(_table(results))
-    console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)
-    console.print(out / "fleet.html", soft_wrap=True)
+    if options.json:
+        print(json.dumps(fleet.summary(results) | {"page": str(out / "fleet.html")}, indent=1))
+    else:
+        _print_fleet(results, out)
     if interrupted:
         raise KeyboardInterrupt
     ended = {one.status for one in results}
     return USAGE if fleet.Status.FAILED in ended else UNUSABLE if fleet.Status.REFUSED in ended else DONE
+
+
+def _print_fleet(results: Sequence[Result], out: Path) -> None:
+    from rich.console import Console
+
+    from hdagen import fleet_page
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console.print(_table(results))
+    console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)
+    console.print(out / "fleet.html", soft_wrap=True)
 
 
 def _table(results: Sequence[Result]) -> Table:

@@ -45,7 +45,7 @@ from hdagen.safe_motion import (
     units,
     with_size,
 )
-from hdagen.simulate import Simulation
+from hdagen.simulation import Simulation
 from hdagen.together import together
 from hdagen.torques import torque_per_input
 

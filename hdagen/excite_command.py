@@ -54,10 +54,10 @@ def run(options: argparse.Namespace) -> int:
     """Design, write, print."""
     from hdagen.excite import excite
     from hdagen.plant import PlantError, load
-    from hdagen.table import write
+    from hdagen.table import unwritable, write
 
-    if options.out.suffix not in (".csv", ".parquet"):
-        raise PlantError(f"--out {options.out}: possible are .csv and .parquet.")
+    if problems := unwritable(options.out):
+        raise PlantError("\n".join(f"--out {problem}" for problem in problems))
     limits = _limits(options.limits)
     separate = tuple(name.strip() for name in options.separate.split(",")) if options.separate else ()
     arm = load(options.robot, "native", ("all",))

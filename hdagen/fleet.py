@@ -233,16 +233,15 @@ def _diagnosis(folder: Path) -> dict[str, Any]:
 def _is_told(found: Mapping[str, Any]) -> bool:
     """Whether a diagnosis holds what table and page tell of it."""
     try:
-        numbers = [found["gap"][when] for when in ("before", "after")]
-        numbers += [h["probability"] for h in found["hypotheses"] if h["effects"] is not None]
-        numbers += [
-            cause["probability"] for cause in found.get("causes", ()) if cause["effect"] and cause["joint"] >= 0
-        ]
+        gaps = [found["gap"][when] for when in ("before", "after")]
+        chances = [h["probability"] for h in found["hypotheses"] if h["effects"] is not None]
+        chances += [cause["probability"] for cause in found["causes"] if cause["effect"] and cause["joint"] >= 0]
         data = found.get("data", {})
         says = [*found["verdict"], *(r["what"] for r in data.get("repaired", ())), *data.get("warnings", ())]
     except (LookupError, TypeError, AttributeError):
         return False
-    return all(isinstance(word, str) for word in says) and all(n is None or is_number(n) for n in numbers)
+    numbers = [*chances, *(gap for gap in gaps if gap is not None)]
+    return "sure" in found and all(isinstance(word, str) for word in says) and all(map(is_number, numbers))
 
 
 def _run(machine: Machine, folder: Path, command: Sequence[str], stop: threading.Event) -> Result:

@@ -61,7 +61,7 @@ def read_toml(path: Path, largest: int, remedy: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except ValueError as error:
-        raise _refused(path, f"cannot be read as TOML ({printable(error)[:300]})", remedy) from None
+        raise _refused(path, f"cannot be read as TOML ({_unparsed(error)})", remedy) from None
     except RecursionError:
         raise _refused(path, "cannot be read as TOML (it is nested too deeply)", remedy) from None
 
@@ -72,7 +72,7 @@ def read_json(path: Path, largest: int, remedy: str) -> Any:
     try:
         return json.loads(_text(path, largest, remedy))
     except ValueError as error:
-        raise _refused(path, f"cannot be read as JSON ({printable(error)[:300]})", remedy) from None
+        raise _refused(path, f"cannot be read as JSON ({_unparsed(error)})", remedy) from None
     except RecursionError:
         raise _refused(path, "cannot be read as JSON (it is nested too deeply)", remedy) from None
 
@@ -89,6 +89,13 @@ def _why(error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
         return "cannot be read (there is no such file)"
     return f"cannot be read ({printable(getattr(error, 'strerror', None) or error)})"
+
+
+def _unparsed(error: ValueError) -> str:
+    """Why a text is no TOML or JSON."""
+    if "set_int_max_str_digits" in str(error):
+        return "it holds a number of thousands of digits"
+    return printable(error)[:300]
 
 
 def _refused(path: Path, why: str, remedy: str) -> InputFileError:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -59,10 +60,11 @@ def run(options: argparse.Namespace) -> int:
     return (does | {"header": _header})[asked[0]](options)
 
 
-def _keys(_: argparse.Namespace) -> int:
-    from hdagen.mpc.keys import documented
+def _keys(options: argparse.Namespace) -> int:
+    from hdagen.mpc.keys import KEYS, documented
 
-    print(documented(), end="")
+    said = json.dumps([asdict(key) for key in KEYS], indent=1) if options.json else documented().rstrip("\n")
+    print(said)
     return 0
 
 
@@ -78,14 +80,16 @@ def _explain(options: argparse.Namespace) -> int:
         )
     record = read(options.log)
     out = options.out or options.log.with_suffix(".html")
+    if not os.path.isdir(out.absolute().parent) or os.path.isdir(out):
+        raise PlantError(f"--out {out}: give the path of a file in a folder that exists, such as ticks.html.")
     try:
         write(out, options.log.name, record)
     except OSError as error:
         raise LogError(
             [f"{out}: the page could not be written ({error.strerror}); name another with --out."]
         ) from error
-    print(verdict(record))
-    print(out)
+    said = verdict(record)
+    print(json.dumps({"sentence": said, "page": str(out)}, indent=1) if options.json else f"{said}\n{out}")
     return 0
 
 
@@ -131,7 +135,8 @@ def _header(options: argparse.Namespace) -> int:
     from hdagen.plant import load
 
     c = read(options.config) if options.config else Configuration()
-    print(MPC(load(options.robot, options.profile, mpc=c), c).header(), end="")
+    text = MPC(load(options.robot, options.profile, mpc=c), c).header()
+    print(json.dumps({"header": text}) if options.json else text.rstrip("\n"))
     return 0
 
 

@@ -52,8 +52,9 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.plant import PlantError
 
     if options.names == ["list"]:
-        for figure in FIGURES:
-            print(f"{figure.name:10} {figure.title}")
+        titles = {figure.name: figure.title for figure in FIGURES}
+        lines = [f"{name:10} {title}" for name, title in titles.items()]
+        print(json.dumps(titles, indent=1, ensure_ascii=False) if options.json else "\n".join(lines))
         return DONE
     figures = named(options.names)
     if options.out.exists() and not options.out.is_dir():

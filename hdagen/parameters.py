@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hdagen.given import is_number
+from hdagen.names import list_nearest
 from hdagen.opening import PlantError
 
 if TYPE_CHECKING:
@@ -111,5 +112,7 @@ class Parameters(MutableMapping[str, float]):
 
     def _found(self, name: str) -> int:
         if name not in self._place:
-            raise UnknownParameter(f"no parameter named {name}; there are {', '.join(self.described)}.")
+            raise UnknownParameter(
+                f"no parameter named {name}; there are {list_nearest([name], list(self.described))}."
+            )
         return self._place[name]

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdagen.carried import Carried
 from hdagen.given import Array, finite, is_number, of_rows, vector
+from hdagen.names import list_nearest
 from hdagen.opening import PlantError, Structured, folder_of, opened, remedy
 from hdagen.parameters import Parameter, Parameters, UnknownParameter
 
@@ -98,10 +99,8 @@ class Arm:
         for names in (self.state_names, self.input_names):
             if name in names:
                 return names.index(name)
-        raise PlantError(
-            f"no state or input named {name}; states: {', '.join(self.state_names)}; "
-            f"inputs: {', '.join(self.input_names)}."
-        )
+        every = [*self.state_names, *self.input_names]
+        raise PlantError(f"no state or input named {name}; there are {list_nearest([name], every)}.")
 
     # -- functions --------------------------------------------------------------------------------------------------
 
@@ -112,7 +111,7 @@ class Arm:
         c is the arm's own unless given. Returns every output, (k,) or (N, k). PlantError for wrong names or lengths.
         """
         if name not in self._shapes:
-            raise PlantError(f"no function named {name}; there are {', '.join(self._shapes)}.")
+            raise PlantError(f"no function named {name}; there are {list_nearest([name], list(self._shapes))}.")
         ins, outs = self._shapes[name]
         given: dict[str, Any] = {"c": self.c, **inputs} if any(a == "c" for a, _ in ins) else dict(inputs)
         if set(given) != {a for a, _ in ins}:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.held_out import count_rows
     from hdagen.log import LogError, read, write
     from hdagen.plant import PlantError
-    from hdagen.repair import repair
+    from hdagen.repair import as_measured, repair
     from hdagen.replay import WINDOW, check, replay
 
     problems = _conflicts(options)
@@ -93,7 +94,9 @@ def run(options: argparse.Namespace) -> int:
     arm = _load(options, stated)
     check(arm, measured)
     if counted is None:
+        measured, mended = as_measured(measured, arm)
         notes, refusals = look(arm, measured)
+        notes += [one.sentence for one in mended]
     else:  # the log as the diagnosis took it
         (measured, _, seen), refusals = repair(measured, arm), []
         notes = list(seen.warnings)
@@ -135,6 +138,8 @@ def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
 
 def _conflicts(options: argparse.Namespace) -> list[str]:
     """What the options say that cannot be, before anything is built."""
+    from hdagen.table import unwritable
+
     problems = []
     if options.built and options.with_ is not None:
         problems.append("--built and --with exclude each other: a verdict needs the robot file; leave one out.")
@@ -149,15 +154,8 @@ def _conflicts(options: argparse.Namespace) -> list[str]:
             "--closed-loop and --input measured exclude each other: the controller gives the input; leave one out."
         )
     if options.out is not None:
-        if options.out.suffix not in (".parquet", ".csv"):
-            problems.append(
-                f"--out {options.out}: cannot write a file ending in {options.out.suffix!r}; possible: .parquet, .csv."
-            )
-        if not options.out.absolute().parent.is_dir():
-            problems.append(
-                f"--out {options.out}: there is no folder {options.out.absolute().parent}; make it or name another."
-            )
-        if options.out.exists() and options.log.exists() and options.out.samefile(options.log):
+        problems += [f"--out {problem}" for problem in unwritable(options.out)]
+        if os.path.exists(options.out) and os.path.exists(options.log) and options.out.samefile(options.log):
             problems.append(f"--out {options.out}: is the log itself, which would be lost; name another file.")
     return problems
 

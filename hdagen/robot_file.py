@@ -17,7 +17,8 @@ from tomlkit.items import AoT, InlineTable, Table
 from hdagen.plant import Arm, PlantError
 
 _BOM = b"\xef\xbb\xbf"
-_GEAR = (  # what `catalogue` stands for
+_SHEET = ("K1", "K2", "K3", "T1", "T2", "starting_torque")  # of a data sheet, in place of `catalogue`
+_GEAR = (  # what either stands for
     "ratio",
     "flexspline_stiffness",
     "flexspline_stiffening",
@@ -128,6 +129,8 @@ class RobotFile:
             if "inertia_about_joint" in table and changed & {f"{key}_{joint}" for key in _LUMPED}:
                 mass, center, inertia = (wanted.parameters[f"{key}_{joint}"] for key in _LUMPED)
                 _set(table, "inertia_about_joint", inertia + mass * center**2)
+            if f"coulomb_friction_{joint}" in changed and "K1" in drive and "starting_torque" not in drive:
+                _set(drive, "starting_torque", self._quantities[f"coulomb_friction_{joint}"]["nominal"], "N m")
             for key, leader in _FOLLOWS.items():
                 if f"{leader}_{joint}" in changed and key not in drive and stated["drive"][key] is not None:
                     _set(drive, key, wanted.parameters[f"{key}_{joint}"])
@@ -147,17 +150,19 @@ class RobotFile:
             if place.key != "inertia" or "inertia_about_joint" not in table:  # the lumped one is settled at the end
                 _set(table, place.key, value, unit)
             return
-        if "catalogue" in table["drive"] and place.key in _GEAR:
+        if place.key in _GEAR and table["drive"].keys() & {"catalogue", *_SHEET}:
             self._spell_out(place.joint)
         _set(table["drive"], place.key, value, unit)
 
     def _spell_out(self, joint: int) -> None:
-        """The keys that `catalogue` stands for in its stead: a gear that differs is no longer the catalogue's."""
+        """The springs themselves in place of `catalogue` or of a data sheet: a gear that differs is no longer that."""
         table = self._joint(joint)
         drive, stated = table["drive"], self._robot["joints"][joint - 1]
-        gear = drive.pop("catalogue")
+        gear = {key: drive.pop(key) for key in ("catalogue", *_SHEET) if key in drive}
         if isinstance(drive, Table):
-            drive.add(tomlkit.comment(f"began as {gear} of the catalogue"))
+            sheet = ", ".join(f"{key} = {value}" for key, value in gear.items())
+            began = f"{gear['catalogue']} of the catalogue" if "catalogue" in gear else sheet
+            drive.add(tomlkit.comment(f"began as {began}"))
         for key in _GEAR:
             if key not in drive and stated["drive"][key] is not None:
                 entry = stated["drive"][key]

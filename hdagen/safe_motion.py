@@ -16,7 +16,7 @@ import numpy as np
 from hdagen.control import Controller, Guard, Safe
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference, smooth_step
-from hdagen.simulate import Sensors, Simulation, run
+from hdagen.simulation import Sensors, Simulation, run
 from hdagen.torques import full_torque, torque_per_input
 
 MARGIN = 0.9  # of a limit that the nominal arm may reach; an arm with an effect may reach all of it

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hdagen.control import Controller
     from hdagen.plant import Arm
     from hdagen.reference import Reference
-    from hdagen.simulate import Simulation
+    from hdagen.simulation import Simulation
 
 EXAMPLE = """example:
   hdagen simulate paper --controller admittance_cartesian --push 3 4 15 0 --push 6 7 0 15 --gain stiffness_x=800 --out
@@ -80,16 +80,22 @@ def run(options: argparse.Namespace) -> int:
 
     from hdagen.control import Controller, Guard, Safe
     from hdagen.log import write
-    from hdagen.plant import Arm, load
-    from hdagen.simulate import Push, Sensors
-    from hdagen.simulate import run as simulate
+    from hdagen.plant import Arm, PlantError, load
+    from hdagen.simulation import Push, Sensors
+    from hdagen.simulation import run as simulate
+    from hdagen.table import unwritable
 
+    if problems := unwritable(options.out):
+        raise PlantError("\n".join(f"--out {problem}" for problem in problems))
     if options.controller == "mpc":
         return _predictive(options)
+    if options.config:
+        raise PlantError("--config is of the predictive controller; take --controller mpc, or leave it out.")
+    gains = _gains(options.gain)
     arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile)
     damping = tuple(20 * j["drive"]["motor_inertia"]["nominal"] for j in arm.robot["joints"])  # motors stop in 1/20 s
     guard = Guard(Safe[options.safe.upper()], safe_damping=damping)
-    controller = Controller(arm, options.controller, guard, _gains(options.gain))
+    controller = Controller(arm, options.controller, guard, gains)
     path = _path(options, arm, controller.guard.period)
     pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
     with Progress(console=Console(stderr=True), transient=True) as bar:
@@ -125,7 +131,7 @@ def _predictive(options: argparse.Namespace) -> int:
     from hdagen.mpc.simulated import lines, simulated
     from hdagen.plant import PlantError, load
     from hdagen.reference import to_joints
-    from hdagen.simulate import Push, Sensors
+    from hdagen.simulation import Push, Sensors
 
     c = read(options.config) if options.config else Configuration()
     if options.gain:
@@ -167,7 +173,7 @@ def _gains(given: list[str]) -> dict[str, float]:
 def _figures(arm: Arm, controller: Controller, path: Reference, result: Simulation) -> dict[str, Any]:
     import numpy as np
 
-    from hdagen.simulate import ideal
+    from hdagen.simulation import ideal
 
     cartesian = "mass_x" in controller.gains
     goal = path.position + (ideal(arm, controller, result.push, path.period) if cartesian else 0.0)

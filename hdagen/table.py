@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from hdagen.names import list_some, printable
+from hdagen.names import list_some, printable, shown, shown_path
 from hdagen.whole import open_whole
 
 MOST_COLUMNS = 10_000  # of a file
@@ -20,6 +20,7 @@ _MOST_UNPACKED = 10 * MOST_CELLS  # bytes
 _MOST_FOOTER = 16 << 20  # bytes that describe the columns and row groups of a Parquet file
 _MOST_PROBLEMS = 100  # that are said
 _SMALLER = "cut the log into shorter ones, or leave columns out with ignore in a columns.toml"
+_WRITTEN = (".csv", ".parquet")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")  # a column name that needs no quoting anywhere
 
 
@@ -165,6 +166,19 @@ def _check_unpacked(path: Path, metadata: Any, wanted: set[str]) -> None:
         raise LogError([f"{path}: unpacks to {unpacked} bytes, possible are {_MOST_UNPACKED}; {_SMALLER}."])
 
 
+def unwritable(path: Path) -> list[str]:
+    """Why no table can be written to ``path``, known before the work for it is done: one sentence a problem."""
+    problems = []
+    if path.suffix not in _WRITTEN:
+        problems.append(f"cannot write a file ending in {shown(path.suffix)}; possible are {' and '.join(_WRITTEN)}.")
+    folder = path.absolute().parent
+    if not os.path.isdir(folder):
+        problems.append(f"there is no folder {shown_path(folder)}; make it or name another.")
+    elif os.path.isdir(path):
+        problems.append("is a folder; name a file in it.")
+    return [f"{shown_path(path)}: {problem}" for problem in problems]
+
+
 def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
     """Write columns of shape (T,) as float64: .csv (shortest text that reads back exactly), .parquet (page checksums).
 
@@ -181,8 +195,7 @@ def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
     if len({values.shape for values in columns.values()}) != 1 or any(v.ndim != 1 for v in columns.values()):
         shapes = ", ".join(f"{name} {values.shape}" for name, values in columns.items())
         problems.append(f"{path}: a table needs at least one column and all of one length; given: {shapes or 'none'}.")
-    if path.suffix not in (".csv", ".parquet"):
-        problems.append(f"{path}: cannot write a file ending in {path.suffix!r}; possible are .csv and .parquet.")
+    problems += unwritable(path)
     if problems:
         raise LogError(problems)
     import pyarrow as pa

@@ -52,17 +52,31 @@ def open_whole(path: Path) -> Iterator[BinaryIO]:
     if path.exists() and not path.is_file():
         code = errno.EISDIR if path.is_dir() else errno.EINVAL
         raise OSError(code, os.strerror(code) if path.is_dir() else "it is no regular file", str(path))
-    _remove_abandoned(path.absolute().parent)
-    with _create_beside(path) as file:
-        try:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-            os.replace(file.name, path)
-        except BaseException:
-            Path(file.name).unlink(missing_ok=True)
-            raise
-    _sync_folder(path.absolute().parent)
+    folder = path.absolute().parent
+    _remove_abandoned(folder)
+    handle = os.open(folder, os.O_RDONLY)  # before anything is written, so that a rename is not followed by an error
+    try:
+        with _create_beside(path) as file:
+            try:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+                os.replace(file.name, path)
+            except BaseException:
+                Path(file.name).unlink(missing_ok=True)
+                raise
+        os.fsync(handle)  # the rename itself must reach the disk
+    except OSError as error:
+        if error.filename is None or is_part(Path(error.filename)):
+            error.filename = str(path)
+        raise
+    finally:
+        os.close(handle)
+
+
+def is_part(path: Path) -> bool:
+    """Whether a path is what stands beside a file while that is written, or after a kill."""
+    return _PART.fullmatch(path.name) is not None
 
 
 def _create_beside(path: Path) -> BinaryIO:
@@ -78,13 +92,13 @@ def _create_beside(path: Path) -> BinaryIO:
 def _remove_abandoned(folder: Path) -> None:
     """Remove what killed processes of this user left half-written in a folder: parts that nobody holds locked."""
     with suppress(OSError):  # a folder that cannot be listed
-        for name in [name for name in os.listdir(folder) if _PART.fullmatch(name)]:
+        for part in filter(is_part, folder.iterdir()):
             with suppress(OSError):  # another process was faster
-                handle = os.open(folder / name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+                handle = os.open(part, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
                 try:
                     found = os.fstat(handle)
                     if stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid() and _locks(handle):
-                        os.unlink(folder / name)
+                        part.unlink()
                 finally:
                     os.close(handle)
 
@@ -96,12 +110,3 @@ def _locks(handle: int) -> bool:
     except OSError:
         return False
     return True
-
-
-def _sync_folder(folder: Path) -> None:
-    """Bring a rename to the disk."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import signal
 import sys
 import time
@@ -34,7 +35,7 @@ from hdagen.diagnosis.portion import Portion, blocks
 from hdagen.log import write
 from hdagen.plant import Arm
 
-TOKEN = "HDAGEN_TEST_KILLED"  # in the environment of all that the command starts
+TOKEN = f"HDAGEN_TEST_KILLED_{os.getpid()}"  # in the environment of all that the command starts
 
 
 # -- what is run ------------------------------------------------------------------------------------------------------
@@ -51,8 +52,9 @@ def prepare_adopt(folder: Path) -> list[str]:
 def prepare_diagnose(folder: Path) -> list[str]:
     arm = Arm(build(str(robot(folder)), "portable", Path(os.environ["HDAGEN_BUILD"]), NAMES)[0])
     sight, said, log, before, after = seen(arm, {"cable_spring@2": TRUTHS["cable_spring@2"][0]})
+    said["robot"]["identity"] = "0" * 64
     held = Portion(log, blocks(log.time))
-    found = SimpleNamespace(content=said, before=before, after=after, held_out=held, sight=sight)
+    found = SimpleNamespace(content=said, before=before, after=after, held_out=held, sight=sight, left_out=())
     diagnosed.diagnose = lambda *_: found
     write(log, folder / "log.parquet")
     return ["diagnose", str(folder / "robot.toml"), str(folder / "log.parquet"), "--out", str(folder / "out")]
@@ -63,8 +65,18 @@ def robot(folder: Path) -> Path:
     return folder / "robot.toml"
 
 
+STAND_IN = (
+    test_fleet.STAND_IN.partition('(o.out / "diagnosis.json").write_text(json.dumps(found))')[0]
+    + """
+for name, text in (("diagnosis.json", json.dumps(found)), ("report.html", "<html></html>")):
+    (o.out / ".new").write_text(text)
+    os.replace(o.out / ".new", o.out / name)
+"""
+)
+
+
 def prepare_fleet(folder: Path) -> list[str]:
-    (folder / "stand_in.py").write_text(test_fleet.STAND_IN.replace('"a report"', '"<html></html>"'))
+    (folder / "stand_in.py").write_text(STAND_IN)
     os.environ["CALLS"] = str(folder / "calls")
     fleet.diagnose = partial(fleet.diagnose, command=(sys.executable, str(folder / "stand_in.py")))
     robot(folder)
@@ -177,9 +189,15 @@ def await_true(what: Callable[[], object], seconds: float) -> bool:
     return bool(what())
 
 
-def writes_or_has_ended(out: Path, child: int) -> bool:
-    """Whether a file is being written, or nothing will be any more."""
-    return bool(find_parts(out)) or os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+def has_ended(child: int) -> bool:
+    """Whether a child waits to be asked for its exit code."""
+    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+def begin_anew(out: Path) -> None:
+    """Empty the folder into which the command writes."""
+    shutil.rmtree(out)
+    out.mkdir()
 
 
 def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]:
@@ -187,20 +205,21 @@ def main(command: str, folder: Path, count: int, seed: int) -> dict[str, object]
     and the parts that it left."""
     rng, out = random.Random(seed), folder / "out"
     arguments = PREPARE[command](folder)
+    os.waitpid(started(arguments), 0)  # what it builds is there from now on
+    found: dict[str, object] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
+    begin_anew(out)
     begun = time.monotonic()
     os.waitpid(started(arguments), 0)
     took = time.monotonic() - begun
-    found: dict[str, object] = {"kills": 0, "left": 0, "broken": find_broken(out), "orphans": 0}
     for kill in range(count):
-        for path in sorted(out.rglob("[!.]*"), reverse=True) if kill % 3 == 0 else ():
-            if path.is_file():  # begun anew now and then
-                path.unlink()
+        if kill % 3 == 0:
+            begin_anew(out)
         child = started(arguments)
         if kill % 2:  # every other one surely while files are written
-            await_true(partial(writes_or_has_ended, out, child), took)
+            await_true(lambda child=child: find_parts(out) or has_ended(child), took)
             time.sleep(rng.uniform(0.0, 2e-3))
         else:
-            time.sleep(rng.uniform(0.0, took))
+            await_true(partial(has_ended, child), rng.uniform(0.0, took))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         found["kills"] += 1

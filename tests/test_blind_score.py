@@ -22,7 +22,7 @@ from hdagen.blind import blind_page, calibrate, rates, seal
 from hdagen.blind.compared import COMPARED, compare
 from hdagen.blind.figures import mean, median, rate
 from hdagen.blind.report import report, written
-from hdagen.blind.run import Check, gap
+from hdagen.blind.run import Check, _claim, gap
 from hdagen.blind.score import Row, alike, bins, confusion, coverage, judged, summary
 from hdagen.blind.sizes import SIZES
 from hdagen.diagnosis import calibration
@@ -394,12 +394,18 @@ def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
     assert "abab" in text and "<b>no</b>" not in text and text.count("<figure") >= 3
 
 
+def test_what_a_kill_left_of_the_seal_is_no_other_check(tmp_path: Path) -> None:
+    (tmp_path / ".seal.part-0123456789abcdef.json").write_text('{"seal": "ab')
+    _claim(Check("single", 1, "s", 1, 10.0, tmp_path), seal.Seal("ab" * 32, 1))
+    assert [path.name for path in tmp_path.iterdir()] == ["seal.json"]
+
+
 def test_names_that_are_html_are_text(tmp_path: Path) -> None:
     rows = [replace(row, name=f"{row.name} {NAME}", failed=row.failed and NAME) for row in _many("single")]
     blind_page.write(
         tmp_path / "x.html", report(Check("single", 24, NAME, 2, 10.0, Path(NAME)), seal.Seal(NAME, 24), rows)
     )
-    check_escaped((tmp_path / "x.html").read_text(), 3)
+    check_escaped((tmp_path / "x.html").read_text(), 2)
 
 
 @pytest.mark.parametrize("kind", ["single", "none", "pair"])

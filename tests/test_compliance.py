@@ -16,7 +16,7 @@ from gen.compliance import held_force
 from hdagen.control import Controller, Guard, Safe
 from hdagen.plant import Arm, Array
 from hdagen.reference import Reference, circle, posture
-from hdagen.simulate import Push, Sensors, Simulation, ideal, run
+from hdagen.simulation import Push, Sensors, Simulation, ideal, run
 
 Q = 0.6  # rad, where the motions begin
 CARTESIAN = ("impedance_cartesian", "admittance_cartesian")

@@ -272,7 +272,7 @@ def test_an_arm_that_states_no_limits_asks_for_them(build: Callable[..., Compile
         Controller(Arm(build(SMALL).folder), "position", GUARD)
     lines = str(caught.value).splitlines()
     assert [line.split(":")[0] for line in lines] == ["torque_limit", "torque_rate"]
-    assert all("the robot file states no" in line and "Guard(" in line for line in lines)
+    assert all("the robot file does not state it" in line and "in [joint.limits] of each" in line for line in lines)
 
 
 @pytest.mark.parametrize(

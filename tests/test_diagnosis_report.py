@@ -220,6 +220,28 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
         assert pictures(sight, "unknown@2", place)
 
 
+@pytest.mark.parametrize(
+    ("entry", "values"),
+    [
+        ("cable_spring@2", {"cable_stiffness": 30.0}),
+        ("viscous_friction@2", {"viscous_friction": 1e-3}),
+        ("stiffness@2", {"stiffness_level": 0.6}),
+    ],
+)
+def test_a_picture_tells_how_far_the_effect_is_what_it_shows(arm: Arm, entry: str, values: dict[str, float]) -> None:
+    sight, said, log, before, _ = seen(arm, {entry: values}, seconds=3.0)
+    (place,) = (one["place"] for one in said["where"])
+    (shown,) = pictures(sight, entry, place)
+    right = float(re.findall(r"R² = (-?[0-9.]+)", shown)[0])
+    assert right > 0.5 and "Warning" not in shown
+    nominal = {name: arm.parameters.described[f"{name}_{entry[-1]}"].nominal for name in values}
+    quarter = {name: nominal[name] + 0.25 * (value - nominal[name]) for name, value in values.items()}
+    said = content(arm, {entry: quarter})
+    (shown,) = pictures(look(arm, said, log, before, replay(arm, log, with_=said)), entry, place)
+    assert "Warning: the log shows" in shown
+    assert float(re.findall(r"R² = (-?[0-9.]+)", shown)[0]) < right
+
+
 def test_one_encoder_a_joint_gives_the_balance_of_the_whole_joint(arm: Arm) -> None:
     entry, values = "coulomb_friction@2", {"coulomb_friction": 0.08}
     sight, said, *_ = seen(arm, {entry: values}, keep="motor|force")
@@ -277,7 +299,18 @@ def test_a_quantity_that_goes_with_nothing_is_rarely_said_to() -> None:
     assert false <= 14  # of 120; 6 are expected, and more than 14 have a chance of 1 in 1000
 
 
-@pytest.mark.parametrize("count", [2, 64, 300, 500, 501, 1000])
+def test_samples_that_are_fewer_than_what_is_fitted_tell_nothing() -> None:
+    """Each in a bin of its own would be explained in full, and so would three by a sine, a cosine and a mean."""
+    rng = np.random.default_rng(5)
+    for count in (2, 3, 8):
+        values, angle = rng.standard_normal(count), 7.0 * np.arange(count)
+        assert explained(values, [Regressor("x", "1", angle)]) == []
+        assert periodic(values, angle, [1, 2]) == []
+    shares = [explained(rng.standard_normal(10), [Regressor("x", "1", np.arange(10.0))])[0].share for _ in range(20)]
+    assert max(shares) < 0.9  # two bins
+
+
+@pytest.mark.parametrize("count", [64, 300, 500, 501, 1000])
 def test_few_samples_tell_what_they_can(count: int) -> None:
     """As many shifts as samples, none of them twice."""
     x = np.arange(float(count))

@@ -18,7 +18,7 @@ from hdagen.control import Controller, Guard, Safe
 from hdagen.plant import Arm
 from hdagen.reference import circle
 from hdagen.replay import Replay, replay
-from hdagen.simulate import Sensors, simulate
+from hdagen.simulation import Sensors, simulate
 
 Builder = Callable[..., Compiled]
 NAMES = tuple(effect.name for effect in ALL)

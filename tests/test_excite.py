@@ -21,7 +21,7 @@ from hdagen.excite import ENOUGH, SEEN, TRUST, Excitation, excite, modelled, mov
 from hdagen.plant import Arm, PlantError, load
 from hdagen.reference import Reference
 from hdagen.safe_motion import MARGIN, Kept, follow, keep, limits_of, middle, motions, with_size
-from hdagen.simulate import Sensors, run
+from hdagen.simulation import Sensors, run
 from hdagen.table import read_parquet
 
 LIMITS = """torque_constant = 0.05

@@ -330,7 +330,8 @@ def test_all_that_is_wrong_in_a_fleet_toml_is_said_at_once(tmp_path: Path) -> No
         "unknown key 'jobs'; possible is [[machine]], one a log.",
         "machine 1: unknown key 'holdout'; possible are robot, log, hold_out, columns, name.",
         "machine 2: robot = 3; it must be text in quotes.",
-        "machine 2: log = 'none.csv': there is no such file.",
+        f"machine 2: log = 'none.csv': {tmp_path / 'none.csv'}: cannot be read (there is no such file); give the path "
+        "of a log.",
         "machine 3: robot is missing; state it.",
         "machine 3: name = '../x'; possible are up to 60 letters, digits, spaces, _ and -.",
         "machine 4: robot = 'no/arm.toml': there is no such file, and it is no preset's name.",

@@ -17,8 +17,8 @@ from hdagen.diagnosis.gap import bounds, gap, least
 from hdagen.diagnosis.held_out import count_rows, name_rows
 from hdagen.diagnosis.portion import Portion, parted
 from hdagen.joined import joined
-from hdagen.log import Log, LogError, write
-from hdagen.plant import Arm, PlantError
+from hdagen.log import Log, LogError, read, write
+from hdagen.plant import Arm, PlantError, load
 from hdagen.replay import Replay, replay
 
 
@@ -145,3 +145,22 @@ def test_nothing_that_was_fitted_closes_more_than_is_achievable(logs: list[Log])
     assert told["flexible"] == 3.0 and told["achievable"] == 2.5  # base parameters alone are within the correction
     told |= bounds(told, rungs, [{"gap": 2.0}])
     assert told["achievable"] == 2.0
+
+
+@pytest.mark.parametrize("kind", ["single", "task"])
+def test_the_gap_of_a_made_log_is_counted_in_the_noise_of_its_sensors(kind: str, data_dir: Path) -> None:
+    """Which the logs are made with; counted here without a word of the robot file's."""
+    case = data_dir / "made" / kind / "case-000"
+    if not case.is_dir():
+        pytest.skip("there are no made logs")
+    noise = {"motor_current": 0.01, "motor_position": 2 * np.pi / 4096 / 12**0.5}
+    noise["joint_position"] = 2 * np.pi / 2**20 / 12**0.5
+    log = read(case / "hold_out.parquet")
+    found = replay(load(case / "robot.toml"), log)
+    errs = [
+        np.sqrt(np.mean((found.columns[f"{base}_{j}"] - log[f"{base}_{j}"]) ** 2)) / one
+        for base, one in noise.items()
+        for j in (1, 2)
+    ]
+    assert found.gap == pytest.approx(float(np.exp(np.mean(np.log(errs)))), rel=0.01)
+    assert gap(found, found, Portion.whole(log))["before"] == pytest.approx(found.gap, rel=1e-9)

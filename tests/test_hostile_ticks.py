@@ -1,7 +1,8 @@
-"""Ticks of every controller under hostile inputs, calls and floating-point environments: a legal torque, whatever comes.
+"""Ticks of every controller under hostile inputs, calls and floating-point environments: a legal torque, always.
 
-Each tick runs in an environment drawn at random (rounding, traps, flags that stand, subnormal numbers flushed) and again
-in the default one: the torque, the status and every bit of the context are the same, and the environment is given back.
+Each tick runs in an environment drawn at random (rounding, traps, flags that stand, subnormal numbers flushed) and
+again in the default one: the torque, the status and every bit of the context are the same, and the environment is
+given back.
 """
 
 from __future__ import annotations
@@ -71,3 +72,10 @@ def test_arithmetic_with_excess_precision_is_refused(tmp_path: Path) -> None:
     )
     assert made.returncode != 0
     assert "compile with -msse2 -mfpmath=sse" in made.stderr
+
+
+@pytest.mark.parametrize("name, flags", [("gcc", ("-DHDA_FLOAT_AS_IT_IS",)), ("gcc 32 bit", ("-ffreestanding",))])
+def test_the_guard_compiles_where_no_environment_is_held(tmp_path: Path, name: str, flags: tuple[str, ...]) -> None:
+    command = [*compiler(name), *STRICT, *flags, f"-I{sizes(tmp_path, 2)}", f"-I{TEMPLATES}", "-S", "-o", "-"]
+    assert "hda_guard_begin_held" in (made := said([*command, TEMPLATES / "hda_guard_calls.c"]))
+    assert not any(word in made for word in ("fegetenv", "ldmxcsr"))

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from arms import SMALL
 from compiled import Compiled
 from kill_commands import PREPARE, find_broken, find_parts
 from replayed import FLEXIBLE
@@ -129,40 +130,46 @@ def shared() -> Iterator[Path]:
         yield Path(folder)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may run a program as another user")
-def test_another_user_loads_what_root_built_and_writes_only_own_files(
-    shared: Path, build: Callable[..., Compiled]
-) -> None:
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-B", *words],
-            cwd=own,
-            env={"PYTHONPATH": str(ROOT), "HOME": str(own), "PATH": os.environ["PATH"], "HDAGEN_BUILD": str(builds)},
-            user=NOBODY,
-            group=NOBODY,
-            extra_groups=[],
-            umask=0o002,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+AS_ANOTHER = """
+import os, sys, sysconfig
+from pathlib import Path
+from hdagen.plant import Arm, PlantError
+from hdagen.whole import write_whole
+build, own, user = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+sysconfig.get_config_vars()  # the interpreter's own files may be out of another user's reach
+os.setgroups([]), os.setgid(user), os.setuid(user), os.umask(0o002)
+try:
+    print(Arm(build).n)
+except PlantError as error:
+    print(error)
+for folder in (own, build):
+    try:
+        write_whole(folder / "file", b"mine")
+    except OSError as error:
+        print(error)
+print((own / "file").read_bytes().decode(), [path.name for path in own.iterdir()])
+"""
 
-    own, builds = shared / "own", shared / "builds"
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may act as another user")
+def test_another_user_loads_what_root_built_but_nobody_else_s_and_writes_only_own_files(
+    shared: Path, build: Callable[..., Compiled], environment: dict[str, str]
+) -> None:
+    own, source = shared / "own", build(SMALL).folder
     own.mkdir()
     os.chown(own, NOBODY, NOBODY)
-    source = build("emps").folder
-    shutil.copytree(source, builds / source.name)
-    for path in [builds, *builds.rglob("*")]:
-        path.chmod(0o755)
-    if run("-c", "import hdagen, casadi").returncode:
-        pytest.skip("another user may not read this project or its packages")
-    code = f"import hdagen; print(hdagen.Arm({str(builds / source.name)!r}).n); print(hdagen.load('emps').folder)"
-    done = run("-c", code)
-    assert done.stdout.split() == ["1", str(builds / source.name)], done.stderr
-    code = "import sys; from pathlib import Path; from hdagen import whole; whole.write_whole(Path(sys.argv[1]), b'')"
-    assert run("-c", code, str(own / "file")).returncode == 0
-    assert "Permission denied" in run("-c", code, str(builds / "file")).stderr
-    for path in builds.rglob("*"):
-        os.chown(path, 1, 1)
-    done = run("-c", "import hdagen; hdagen.load('emps')")
-    assert "may" not in done.stdout and "Permission denied" in done.stderr, "what belongs to a third user is made anew"
+    folder = Path(shutil.copytree(source, shared / "builds" / source.name))
+    (shared / "builds").chmod(0o755)
+
+    def run() -> list[str]:
+        program = [sys.executable, "-c", AS_ANOTHER, str(folder), str(own), str(NOBODY)]
+        done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+    refused = f"[Errno 13] Permission denied: '{folder}/file'"
+    assert run() == ["1", refused, "mine ['file']"]
+    os.chown(folder, 1, 1)
+    said, *rest = run()
+    assert f"compiled code is not run from there, for {folder} belongs to the user " in said
+    assert rest == [refused, "mine ['file']"]

@@ -14,7 +14,7 @@ from hdagen.loops import LATEST, closed_loops
 from hdagen.paper.prototype import controller, fine_sensors
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import circle
-from hdagen.simulate import Push, Sensors, run
+from hdagen.simulation import Push, Sensors, run
 
 PATH = circle(0.05, (0.2, 0.0), 2.0, 1.2)
 PUSHES = (Push(0.4, 0.6, (10.0, 0.0)), Push(0.8, 1.0, (0.0, -8.0)))

@@ -18,7 +18,7 @@ from hdagen.mpc.sensing import lines as sensed
 from hdagen.mpc.trials import trial
 from hdagen.plant import load
 from hdagen.reference import circle
-from hdagen.simulate import Push, Sensors
+from hdagen.simulation import Push, Sensors
 
 
 def test_growth_is_the_exponent() -> None:

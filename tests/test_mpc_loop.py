@@ -18,7 +18,7 @@ from hdagen.mpc.sensing import consistent
 from hdagen.mpc.trials import Outcome, Trial, outcome, trial
 from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
-from hdagen.simulate import Push, Sensors, run
+from hdagen.simulation import Push, Sensors, run
 
 HARD = (Push(0.6, 1.2, (25.0, 0.0)), Push(1.5, 2.0, (0.0, 25.0)))
 

@@ -90,7 +90,7 @@ def test_names_that_are_html_are_text(run: Path, tmp_path: Path) -> None:
 
 def test_a_log_without_a_record_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["mpc", "explain", str(tmp_path / "none.parquet")]) > 1
-    assert "there is no record of the predictive controller" in capsys.readouterr().err
+    assert "writes the predictive controller's record of a log" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from hdagen.mpc.timing import INTERIOR, OSQP, RICCATI, Solver
 from hdagen.mpc.trials import trial
 from hdagen.plant import Arm
 from hdagen.reference import circle
-from hdagen.simulate import Push, Sensors
+from hdagen.simulation import Push, Sensors
 
 SOLVED, CAPPED, REFUSED, BUSY = 0, 1, -1, -3
 

@@ -15,7 +15,7 @@ from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import trial
 from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
-from hdagen.simulate import Push, Sensors
+from hdagen.simulation import Push, Sensors
 
 NODE_ERROR = (2e-5, 3e-4)  # rad at the joints, median and largest, of a node of 10 ms, against steps of 0.5 ms
 
@@ -37,7 +37,7 @@ def test_a_node_lies_beside_the_simulator(arm: Arm) -> None:
         seen.append(report.solved)
 
     controller.through(tick)
-    from hdagen.simulate import run
+    from hdagen.simulation import run
 
     run(arm, controller, path, [Push(0.3, 0.6, (10.0, 0.0))], Sensors.exact(arm.n), 0)
     controller.through(None)

@@ -8,7 +8,7 @@ import pytest
 from hdagen.control import Controller
 from hdagen.paper.answer import BAND, answers, damping_ratio, ideally
 from hdagen.paper.prototype import PERIOD, PUSHES, Bench, cartesian, controller
-from hdagen.simulate import ideal
+from hdagen.simulation import ideal
 
 LONG = type(PUSHES[0])(1.0, 9.0, (10.0, 0.0))
 

@@ -9,7 +9,7 @@ from hdagen.paper import validation
 from hdagen.paper.estimator import estimated, hysteresis, rms
 from hdagen.paper.handle import BAR, BEGUN, BETTER, by_axis, causes, compared, compensating, handled
 from hdagen.paper.prototype import Bench, driven, encoders, fine_sensors
-from hdagen.simulate import Sensors
+from hdagen.simulation import Sensors
 
 
 def test_in_motion_and_compensated_the_error_is_below_five_percent_of_the_peak(bench: Bench) -> None:

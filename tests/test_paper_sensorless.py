@@ -10,7 +10,7 @@ from hdagen.paper.observer import BANDWIDTH, TipForce
 from hdagen.paper.prototype import PERIOD, Bench, driven, fine_sensors
 from hdagen.paper.sensorless import BLIND, FINE, SENSOR, WHOLE, YIELDS, felt
 from hdagen.paper.tracking import TABLE_4
-from hdagen.simulate import Sensors
+from hdagen.simulation import Sensors
 
 LAWS = ("impedance", "admittance")
 

@@ -19,7 +19,7 @@ from compiled import Compiled
 
 import hdagen
 from hdagen.plant import Arm, PlantError, UnknownParameter
-from hdagen.simulate import Sensors
+from hdagen.simulation import Sensors
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,6 @@ from compiled import Compiled
 import hdagen
 from gen.effects import ALL
 from gen.effects_table import table
-from hdagen.blind import rates
 from hdagen.blind.seal import seed_hash
 from hdagen.diagnosis import calibration
 
@@ -157,14 +156,6 @@ def test_ci_leaves_an_active_environment_of_another_python_alone(tmp_path: Path)
 def test_the_table_of_effects_is_current() -> None:
     found = re.findall(r"^<!-- effects: begin -->\n(.*)^<!-- effects: end -->$", README, re.MULTILINE | re.DOTALL)
     assert found == [table()], "put what `python -m gen.effects_table` prints between the README's two markers"
-
-
-@pytest.mark.parametrize("document", ["README.md", "docs/blind.md", "docs/diagnosis.md"])
-def test_the_rates_of_the_diagnosis_are_those_of_its_checks(document: str) -> None:
-    text = (ROOT / document).read_text(encoding="utf-8")
-    found = re.findall(r"^<!-- blind: begin -->\n(.*)^<!-- blind: end -->$", text, re.MULTILINE | re.DOTALL)
-    checks = json.loads((ROOT / "docs" / "blind.json").read_text(encoding="utf-8"))
-    assert found == [rates.table(checks)], "put what `python -m hdagen.blind.rates docs/blind.json` prints there"
 
 
 def test_no_check_was_made_on_a_seed_of_the_calibration() -> None:

@@ -14,7 +14,7 @@ import pytest
 from replayed import FLEXIBLE, RIGID, diagnosis, simulated, smooth
 
 from hdagen import replay_command
-from hdagen.log import Log, LogError, read, write
+from hdagen.log import ColumnsError, Log, LogError, read, write
 from hdagen.plant import Arm, PlantError
 from hdagen.replay import replay
 
@@ -40,7 +40,7 @@ def command(build: Callable, monkeypatch: pytest.MonkeyPatch) -> Callable[..., i
             return 2
         except LogError as error:
             print(error)
-            return 3
+            return 2 if isinstance(error, ColumnsError) else 3
 
     return run
 
@@ -121,7 +121,7 @@ def test_the_command_refuses_in_sentences(command: Callable, files: Path, capsys
         (("--window", "0"), "a window is longer than 0 s"),
         (("--bandwidth", "-2"), "--bandwidth -2"),
         (("--closed-loop", "c.toml", "--input", "measured"), "exclude each other"),
-        (("--out", files / "x.txt"), "possible: .parquet, .csv"),
+        (("--out", files / "x.txt"), "possible are .csv and .parquet"),
         (("--out", files / "nowhere" / "x.csv"), "there is no folder"),
         (("--out", log), "is the log itself"),
         (("--with", files / "absent.json"), "absent.json"),

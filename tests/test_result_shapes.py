@@ -39,9 +39,10 @@ FRICTION, BIAS, STRANGE = "coulomb_friction@1", "encoder_bias@1", "unknown@1"
 VERDICTS = ([], [FRICTION], [BIAS, FRICTION], [STRANGE], [BIAS, STRANGE])
 CHANNEL = {"joint_position_1": {"before": 30.0, "after": 2.0, "noise": 1e-6}}
 GAPS = [
-    {"before": before, "after": after, "achievable": achievable, "shrink": shrink, "interval": interval}
+    {"before": before, "after": after, "flexible": flexible, "achievable": min(before, after, flexible or np.inf)}
+    | {"shrink": shrink, "interval": interval}
     for before, after in ((0.9, 0.9), (1.1, 1.0), (50.0, 3.0), (5e3, 5e3))
-    for achievable in (0.5, 2.0, 6e3)
+    for flexible in (None, 0.5, 2.0, 6e3)
     for shrink, interval in ((None, None), (0.5, None), (0.5, [0.2, 0.9]))
 ]
 

@@ -20,7 +20,7 @@ from hdagen.control import Controller, Guard, Safe
 from hdagen.log import read
 from hdagen.plant import Arm, PlantError
 from hdagen.reference import Reference, circle
-from hdagen.simulate import Push, Sensors, Simulation, ideal, run, simulate
+from hdagen.simulation import Push, Sensors, Simulation, ideal, run, simulate
 
 ROOT = Path(__file__).resolve().parent.parent
 PATH = circle(0.05, (0.2, 0.0), 5.0, 1.5)

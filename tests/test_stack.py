@@ -72,7 +72,7 @@ def test_every_function_that_a_control_loop_calls_is_stated(calls: Calls) -> Non
     declared = {
         name
         for header in headers
-        for name in re.findall(r"^HDA_API .*?(hda_\w+)\(", (folder / header).read_text(), re.M)
+        for name in re.findall(r"^HDA_API .*?(hda_\w+)\(", (folder / header).read_text(), re.MULTILINE)
     }
     assert {"hda_guard_end", "hda_controller_tick", "hda_mpc_prepare"} <= declared <= set(calls.own)
     assert declared - set(STATED) == set()

@@ -50,6 +50,7 @@ def test_an_error_leaves_what_stood_there_and_nothing_else(tmp_path: Path, error
         assert file.name.endswith(".toml") and Path(file.name).read_bytes() == b"two"
         raise error
     assert caught.type in (error, OSError)
+    assert caught.type is not OSError or caught.value.filename == str(tmp_path / "a.toml")  # type: ignore[attr-defined]
     assert names(tmp_path) == ["a.toml"]
     assert (tmp_path / "a.toml").read_bytes() == b"one"
 
@@ -96,6 +97,8 @@ def test_what_is_no_file_is_not_replaced(tmp_path: Path, kind: str) -> None:
 
 
 ELSEWHERE = {  # what does not stay: folders that are temporary, and the words of a program that is running
+    "hdagen/adopt.py": ["write_bytes", "write_bytes"],
+    "hdagen/bench.py": ["write_text"],
     "hdagen/fleet.py": ["open"],
     "hdagen/matfile.py": ["open"],
     "hdagen/mpc/scaling.py": ["write_text"],

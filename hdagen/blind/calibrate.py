@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from hdagen.blind.score import Row
-from hdagen.diagnosis.calibration import CLOSEST, FROZEN, SCHEMA, Calibration, CalibrationError, digest, read
+from hdagen.diagnosis.calibration import CLOSEST, FROZEN, LARGEST, SCHEMA, Calibration, CalibrationError, digest, read
+from hdagen.input_file import InputFileError, read_json
 from hdagen.whole import write_whole
 
 _TEMPERATURES = np.geomspace(1.0, 50.0, 400)  # that are tried: no few cases make a search surer than it is itself
@@ -94,12 +95,14 @@ def freeze(sources: Sequence[Path], out: Path) -> Calibration:
 def _data(path: Path) -> dict[str, Any]:
     """Calibration data, checked."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json(path, LARGEST, "`hdagen blind --calibrate` writes calibration data")
         good = content["schema"] == DATA and len(content["seed_hash"]) == 64
         good = good and all(
             math.isfinite(case["log_odds"]) and type(case["right"]) is bool for case in content["cases"]
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except InputFileError as error:
+        raise CalibrationError(str(error)) from None
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
         raise CalibrationError(
             f"{path}: cannot be read as calibration data ({type(error).__name__}: {error})."
         ) from None

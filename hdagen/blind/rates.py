@@ -26,6 +26,8 @@ from hdagen.blind.figures import Figure, means_together, rates_together
 from hdagen.blind.score import Row, summary
 from hdagen.blind.words import WORDS, said
 from hdagen.diagnosis import calibration
+from hdagen.diagnosis.calibration import LARGEST
+from hdagen.input_file import InputFileError, read_json
 from hdagen.whole import write_whole
 
 NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
@@ -140,7 +142,11 @@ def main() -> int:
     p.add_argument("files", nargs="+", type=Path, help="blind.json of checks; without --out one combined file")
     p.add_argument("--out", type=Path, help="the combined file")
     options = p.parse_args()
-    read = [json.loads(path.read_text(encoding="utf-8")) for path in options.files]
+    try:
+        read = [read_json(path, LARGEST, "`hdagen blind` writes a blind.json") for path in options.files]
+    except InputFileError as error:
+        print(error, file=sys.stderr)
+        return 2
     if options.out:
         try:
             content = combined(read)

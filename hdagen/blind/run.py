@@ -23,11 +23,13 @@ from hdagen.blind import seal
 from hdagen.blind.cases import Case, Robot, cases, robots
 from hdagen.blind.child import ChildError, ask, run
 from hdagen.blind.score import Row, judged
+from hdagen.input_file import InputFileError, read_json
 from hdagen.log import LogError, read
-from hdagen.whole import write_whole
+from hdagen.whole import is_part, write_whole
 
 HDAGEN = (sys.executable, "-P", "-m", "hdagen")
 MOST_SECONDS = 600.0  # of a diagnosis
+_LARGEST = 10_000_000  # bytes of a JSON file
 _SMALLEST = 1e-3  # multiple of noise below which an error counts as this, as in docs/replay.md
 
 
@@ -83,8 +85,8 @@ def _claim(asked: Check, closed: seal.Seal) -> None:
     }
     if path.exists():
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
+            found = read_json(path, _LARGEST, "name another folder")
+        except InputFileError:
             found = None
         if found != mine:
             raise BlindError(
@@ -92,7 +94,7 @@ def _claim(asked: Check, closed: seal.Seal) -> None:
                 "name another folder with --out, or give the seed it was started with to go on."
             )
         return
-    if any(asked.out.iterdir()):
+    if not all(map(is_part, asked.out.iterdir())):
         raise BlindError(f"{asked.out}: is not empty and holds no check; name another folder with --out.")
     write_whole(path, json.dumps(mine, indent=1).encode())
 
@@ -192,7 +194,10 @@ def gap(predicted: Path, measured: Path, robot: Robot) -> float:
 
 def _row(asked: Check, case: Case, label: Mapping[str, Any], told: Mapping[str, Any]) -> Row:
     folder = asked.out / "cases" / case.name
-    result, said = json.loads((folder / "result.json").read_text(encoding="utf-8")), None
-    with suppress(OSError, ValueError):
-        said = json.loads((folder / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    try:
+        result, said = read_json(folder / "result.json", _LARGEST, "remove it, and check again"), None
+    except InputFileError as error:
+        raise BlindError(str(error)) from None
+    with suppress(InputFileError):
+        said = read_json(folder / "out" / "diagnosis.json", _LARGEST, "check again")
     return judged(case.name, label, told, result, said)

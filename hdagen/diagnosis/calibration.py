@@ -20,7 +20,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hdagen.input_file import InputFileError, read_json
+
 SCHEMA = 2
+LARGEST = 10_000_000  # bytes of a file
 FROZEN = Path(__file__).with_name("calibration.json")
 CLOSEST = 1e-6  # probabilities nearer to 0 or 1 count as this
 
@@ -53,10 +56,12 @@ class Calibration:
 def read(path: Path = FROZEN) -> Calibration:
     """A frozen file. Raises CalibrationError where it is not as it was written."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json(path, LARGEST, "freeze it again")
         stated = content.pop("sha256")
         good = content["schema"] == SCHEMA and stated == digest(content)
-    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
+    except InputFileError as error:
+        raise CalibrationError(str(error)) from None
+    except (KeyError, AttributeError, TypeError) as error:
         raise CalibrationError(f"{path}: cannot be read ({error}); freeze it again.") from None
     if not good:
         raise CalibrationError(f"{path}: is not as it was frozen; freeze it again.")

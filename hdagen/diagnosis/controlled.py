@@ -18,7 +18,7 @@ from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import joint_angles
 from hdagen.reference import Reference, smooth_step
-from hdagen.simulate import Simulation, World, run
+from hdagen.simulation import Simulation, World, run
 from hdagen.torques import torque_per_input
 
 LAW = "impedance_joint"

@@ -18,7 +18,7 @@ from hdagen.mpc.trials import Outcome, Trial, gains_of, outcome, trial
 from hdagen.mpc.tuned import METHOD, Tuned, tune
 from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
-from hdagen.simulate import Push, Sensors
+from hdagen.simulation import Push, Sensors
 
 SEEDS = 8
 RADIUS, CENTER, TURN, SECONDS = 0.05, (0.2, 0.0), 5.0, 8.0  # of the circle: m, m, s, s

@@ -17,7 +17,7 @@ from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import Trial, gains_of, outcome, trial
 from hdagen.plant import Arm, Array, load
 from hdagen.reference import Reference, circle
-from hdagen.simulate import Sensors, ideal
+from hdagen.simulation import Sensors, ideal
 
 STEPS, SECONDS = 30, 4.0
 SEEDS = 5  # the noise alone moves the price of a run by half a percent

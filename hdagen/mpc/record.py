@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from hdagen import table
-from hdagen.log import LogError
+from hdagen.input_file import InputFileError, check_file
+from hdagen.log import LARGEST, LogError
 from hdagen.mpc.layout import FAMILIES
 from hdagen.mpc.trials import Trial
 from hdagen.plant import Arm, Array
@@ -80,14 +81,15 @@ def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) ->
 
 def read(path: Path) -> dict[str, Array]:
     """The record of a log, named by the log or by itself. Raises LogError."""
-    place = path if path.name.endswith(".mpc.parquet") else beside(path)
-    if not place.is_file():
-        raise LogError(
-            [
-                f"{place}: there is no record of the predictive controller; `hdagen simulate --controller mpc` "
-                f"writes one beside its log."
-            ]
+    place = path if path.name.endswith(".mpc.parquet") or not path.name else beside(path)
+    try:
+        check_file(
+            place,
+            LARGEST,
+            "`hdagen simulate --controller mpc` writes the predictive controller's record of a log",
         )
+    except InputFileError as error:
+        raise LogError([str(error)]) from None
     expected = [*COLUMNS, *(f"{what}_{family}" for what in ("active", "violated") for family in FAMILIES)]
     content = table.read_parquet(place, lambda name: name in expected).columns
     missing = [name for name in expected if name not in content]

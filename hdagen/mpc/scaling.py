@@ -21,7 +21,7 @@ from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import Trial, trial
 from hdagen.plant import Arm, PlantError, load
 from hdagen.reference import Reference, circle
-from hdagen.simulate import Push, Sensors
+from hdagen.simulation import Push, Sensors
 
 NODES, JOINTS = (10, 20, 50, 100, 200), (1, 2, 3, 4, 5, 6)
 SECONDS, SAMPLES = 0.6, 40

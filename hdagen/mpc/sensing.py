@@ -17,7 +17,7 @@ from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import Trial, trial
 from hdagen.plant import Arm, Array, load
 from hdagen.reference import circle
-from hdagen.simulate import Push, Sensors
+from hdagen.simulation import Push, Sensors
 
 RADIUS = 0.03  # m, of the circle that the arm moves on meanwhile
 SETTLED = 200  # ticks after which the filter is judged

@@ -15,7 +15,7 @@ from hdagen.mpc.record import beside, columns
 from hdagen.mpc.trials import Outcome, Trial, outcome, trial
 from hdagen.plant import Arm
 from hdagen.reference import Reference
-from hdagen.simulate import Push, Sensors
+from hdagen.simulation import Push, Sensors
 
 
 def simulated(

@@ -17,7 +17,7 @@ from hdagen.mpc.controller import MPC
 from hdagen.mpc.trials import Trial, trial
 from hdagen.plant import Arm, Array, load
 from hdagen.reference import circle
-from hdagen.simulate import Sensors
+from hdagen.simulation import Sensors
 
 SECONDS = 7.0  # of closed loop
 RICCATI, OSQP, INTERIOR = range(3)

@@ -20,7 +20,7 @@ from hdagen.mpc.configuration import Configuration, Wall
 from hdagen.mpc.controller import MPC, Report
 from hdagen.plant import Arm, Array
 from hdagen.reference import Reference
-from hdagen.simulate import Push, Sensors, Simulation, ideal, run
+from hdagen.simulation import Push, Sensors, Simulation, ideal, run
 
 DAMPING = 0.02  # s: damping of a wall per stiffness
 

@@ -20,7 +20,7 @@ from hdagen.mpc.controller import MPC, Problem
 from hdagen.mpc.converged import STEPS
 from hdagen.plant import Array, PlantError, load
 from hdagen.reference import circle
-from hdagen.simulate import Sensors, run
+from hdagen.simulation import Sensors, run
 
 SAMPLES, SECONDS = 8, 4.0
 LONGEST = 120.0  # s, of the child process

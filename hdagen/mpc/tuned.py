@@ -12,7 +12,7 @@ from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.trials import gains_of
 from hdagen.plant import Arm
 from hdagen.reference import Reference
-from hdagen.simulate import Push, Sensors, ideal, run
+from hdagen.simulation import Push, Sensors, ideal, run
 
 TUNED = ("bandwidth", "observer_bandwidth", "velocity_cutoff")
 METHOD = "Nelder-Mead on the logarithms of the gains, cost: mean distance from the ideal motion"

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hdagen.plant import Array
-from hdagen.simulate import Push
+from hdagen.simulation import Push
 
 BAND = 0.1  # of the largest displacement: within it the tip is settled
 WINDOW = 2.0  # s after the push in which it is looked at

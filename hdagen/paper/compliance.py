@@ -26,7 +26,7 @@ from hdagen.paper.prototype import (
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Result
 from hdagen.plant import Array
 from hdagen.reference import circle
-from hdagen.simulate import Simulation
+from hdagen.simulation import Simulation
 
 SECONDS = 10.0
 BASE = {"M": 4.0, "B": 40.0, "K": 500.0}  # kg, N s/m, N/m, assumed: damping ratio 0.45, so that overshoot is seen

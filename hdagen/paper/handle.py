@@ -25,7 +25,7 @@ from hdagen.paper.prototype import (
 from hdagen.paper.torsion import measured
 from hdagen.paper.tracking import predictive
 from hdagen.plant import Arm, Array
-from hdagen.simulate import Push, Sensors
+from hdagen.simulation import Push, Sensors
 
 CONSTANT = 0.0525  # N m/A
 JOINT_TORQUE = 4.0  # N m at the joint, IV.A: 0.04 N m at the motor

@@ -25,7 +25,7 @@ from hdagen.paper.prototype import (
 from hdagen.paper.result import Axes, Cell, Claim, Curve, Grid, Part, Result
 from hdagen.plant import Array
 from hdagen.reference import Reference
-from hdagen.simulate import run
+from hdagen.simulation import run
 
 NEAR = (1.2, -0.9, -1.3)  # rad: where the arm begins, bent
 

@@ -21,7 +21,7 @@ from hdagen.log import Log
 from hdagen.plant import Arm, Array, load
 from hdagen.reference import Reference, circle
 from hdagen.robot_file import RobotFile
-from hdagen.simulate import Push, Sensors, Simulation, run
+from hdagen.simulation import Push, Sensors, Simulation, run
 
 ROBOT = "paper_prototype"
 TABLE_1 = "paper_table1"
@@ -188,7 +188,7 @@ def driven(
 ) -> Driven:
     """``current`` (T, n, A) commanded and ``push`` (T, 2, N) on the tip, from rest at joint positions ``q``; dry
     friction set-valued. The log holds what sensors read, the joint torque sensors too."""
-    from hdagen.simulate import errors
+    from hdagen.simulation import errors
 
     scheme, random, n = errors(arm, sensors or Sensors()), np.random.default_rng(seed), arm.n
     mean, acting = arm.acting(current, PERIOD, np.zeros(n))

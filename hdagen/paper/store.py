@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.input_file import InputFileError, read_json
 from hdagen.log import write as write_log
 from hdagen.paper.drawing import drawn
 from hdagen.paper.page import section
@@ -22,6 +23,7 @@ from hdagen.plant import PlantError
 from hdagen.whole import write_whole
 
 SCHEMA = 1
+LARGEST = 10_000_000  # bytes of a figure's JSON
 SECTIONS = "sections"  # folder of what the page takes
 
 
@@ -38,12 +40,12 @@ def inputs(builds: tuple[str, ...]) -> str:
 def finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
     """The JSON of a figure whose files are whole and come from the same; None where it has to be made."""
     try:
-        content = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        content = read_json(folder / f"{name}.json", LARGEST, "make it again")
         same = content["schema"] == SCHEMA and content["inputs"] == came_from
         kept = same and all(digest_of(folder / file) == digest for file, digest in content["files"].items())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (InputFileError, OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    return content if kept else None
+    return dict(content) if kept else None
 
 
 def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[str, Any]:

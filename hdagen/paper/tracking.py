@@ -20,7 +20,7 @@ from hdagen.paper.prototype import ROBOT, STRUCTURE, TURN, Bench, cartesian, con
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Result
 from hdagen.paper.result import path as drawn
 from hdagen.plant import Arm, Array, load
-from hdagen.simulate import Push, Sensors, Simulation, World, run
+from hdagen.simulation import Push, Sensors, Simulation, World, run
 
 SECONDS = 3 * TURN
 STARTS = 1.0  # s in which the circle is brought to speed, not counted

@@ -1,0 +1,42 @@
+"""Thousands of damaged files, none of which may end in anything but a reading or a sentence."""
+
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+import pytest
+from mutants import MOST_MEMORY, campaign, drawn, fate, kinds, mutant, tried
+
+
+def test_two_thousand_damaged_files_are_read_or_refused_in_sentences(tmp_path: Path) -> None:
+    every = kinds(tmp_path)
+    before = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    counts, wrong = tried(every, 2000, tmp_path)
+    assert wrong == []
+    assert sum(counts.values()) == 2000
+    outcomes = {
+        outcome: sum(n for name, n in counts.items() if name.endswith(outcome)) for outcome in ("read", "refused")
+    }
+    assert outcomes["read"] > 100 and outcomes["refused"] > 1000  # the damage is neither none nor total
+    assert {name.split()[0] for name in counts} == {kind.name for kind in every if kind.share}
+    assert 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss <= max(before, MOST_MEMORY)
+
+
+def test_what_is_not_damaged_is_read(tmp_path: Path) -> None:
+    for kind in kinds(tmp_path):
+        for seed in kind.seeds.values():
+            assert fate(kind, seed, tmp_path) == "read", kind.name
+
+
+def test_a_mutant_can_be_made_again(tmp_path: Path) -> None:
+    kind, number = list(drawn(kinds(tmp_path), 100))[-1]
+    assert mutant(kind, number) == mutant(kind, number) != mutant(kind, number + 1)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize(("names", "count"), [([], 100_000), (["log.mat"], 1000)])
+def test_a_campaign_finds_no_death_no_hang_and_no_traceback(tmp_path: Path, names: list[str], count: int) -> None:
+    counts, wrong = campaign(names, count, tmp_path)
+    print(counts)
+    assert wrong == []
