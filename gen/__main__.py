@@ -1,4 +1,4 @@
-"""Command line: build, list, describe, check, time, truth."""
+"""Command line: build, list, describe, check, mend, time, truth."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(
-        dest="command", required=True, metavar="build | list | describe | check | time | truth"
+        dest="command", required=True, metavar="build | list | describe | check | mend | time | truth"
     )
     build = commands.add_parser(
         "build",
@@ -112,8 +112,8 @@ def _run(options: argparse.Namespace) -> int:
     from gen.robot import RobotError
 
     try:
-        runs = {"build": _build, "list": _list, "describe": _describe, "check": _check, "time": _time, "truth": _truth}
-        return runs[options.command](options)
+        runs = {"build": _build, "list": _list, "describe": _describe, "check": _check, "mend": _mend}
+        return (runs | {"time": _time, "truth": _truth})[options.command](options)
     except RobotError as error:
         for problem in error.problems:
             print(escaped(problem), file=sys.stderr)
@@ -152,6 +152,8 @@ def _build(options: argparse.Namespace) -> int:
 def _add_described(commands: Any) -> None:
     described = commands.add_parser("describe", help="print a robot's description, complete and checked, as JSON")
     described.add_argument("robot", help="a preset or a robot.toml")
+    mended = commands.add_parser("mend", help="print the step and the smoothing that carry a robot, as JSON")
+    mended.add_argument("robot", help="a preset or a robot.toml")
 
 
 def _add_truth(commands: Any) -> None:
@@ -200,6 +202,17 @@ def _describe(options: argparse.Namespace) -> int:
     from gen.robot import load
 
     print(json.dumps(canonical(load(options.robot))))
+    return 0
+
+
+def _mend(options: argparse.Namespace) -> int:
+    import json
+
+    from gen.build import assembled
+    from gen.robot import load
+
+    step, widths = assembled(options.robot, load(options.robot), ())[2].mended()
+    print(json.dumps({"step": step, "friction_smoothing": widths}))
     return 0
 
 

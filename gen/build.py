@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gen import compile as compiler
+from gen import objects
 from gen.entry import named, nearest
 from gen.mpc.structure import Structure, StructureError, fitting
+from gen.ownership import find_other_writer
 from gen.presets import presets
 from gen.robot import Robot, RobotError, labelled, load
 from gen.robot_text import parse_robot, read_robot
@@ -92,8 +94,8 @@ def build(
     says
     which; returns the folder and whether anything was made.
 
-    An intact build is used as it is; a damaged one is put aside and made again. Raises RobotError, CompileError,
-    BuildError.
+    An intact build is used as it is; a damaged one, or one that another user may have written, is put aside and made
+    again. Raises RobotError, CompileError, BuildError.
     """
     extra = tuple(sorted(set(extra)))
     folder, name, content = place(source, profile, out, extra, mpc)
@@ -110,13 +112,14 @@ def build(
     if place(source, profile, out, extra, mpc)[2] != content:
         raise BuildError(f"{source}: the file changed while it was read; build again.")
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        out.mkdir(mode=0o755, parents=True, exist_ok=True)
         with _lock(out / ".lock"):
             if intact(folder, name):  # another process made it meanwhile
                 return folder, False
             print(f"building {made.graphs.model.robot.name} ({profile}) into {folder}", file=sys.stderr, flush=True)
             for stale in out.glob(f".*{PART}*"):  # left by a build that was killed; the lock is ours
                 _discard(stale)
+            objects.discard_parts(out / OBJECTS)
             _make(made, effects, profile, folder, name, mpc)
     except OSError as error:
         why = error.strerror or error
@@ -128,23 +131,25 @@ def build(
 
 
 def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Library, tuple[Effect, ...], Examination]:
-    """Everything to be emitted, the effects in them, and whether the robot's step carries them.
+    """Everything to be emitted, the effects in them, and whether the robot's step carries them; of
+    `missing_compliance@2` the spring of joint 2 alone, of `missing_compliance` those of all rigid drives.
 
     Raises BuildError where there is no such effect, RobotError where the parameters give no model.
     """
     from gen import stability  # casadi, which an intact build does not need
-    from gen.compliant import compliant
+    from gen.compliant import compliant, springs
     from gen.effects import ALL, NOMINAL
     from gen.library import library
     from gen.model import Model
 
+    sprung, extra = springs(extra, len(robot.joints))
     unknown = set(extra) - {effect.name for effect in ALL}
     if unknown:
         names = [effect.name for effect in ALL]
         found = ", ".join(f"{named(name)}{nearest(name, names)}" for name in sorted(unknown))
         raise BuildError(f"--effects: found {found}, possible are {', '.join(names)}; choose of these.")
     wanted = {stated.name for stated in robot.effects} | set(extra)
-    robot = compliant(robot, "missing_compliance" in extra)
+    robot = compliant(robot, sprung)
     chosen = tuple(e for e in ALL if e in NOMINAL or e.name in wanted)
     try:
         applies = Model(robot, NOMINAL).applies
@@ -174,17 +179,20 @@ def _make(
     part = folder.with_name(f".{folder.name}{PART}{os.getpid()}")
     aside = part.with_name(f"{part.name}-old")
     try:
-        part.mkdir()
+        part.mkdir(mode=0o755)
         for file, text in files.items():
             (part / file).write_text(text, encoding="utf-8", newline="\n")
         compiled = sorted(f for f in files if f.endswith(".c") and not f.startswith("example"))
-        compiler.library(part, compiled, profile, library, folder.parent / OBJECTS)
+        kept = folder.parent / OBJECTS
+        compiler.library(part, compiled, profile, library, None if find_other_writer(kept) else kept)
         manifest = json.loads(files["manifest.json"])
         manifest["files"] = {f.name: _hash(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
         manifest["seal"] = seal(manifest)
         (part / "manifest.json").write_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n")
-        for path in [*part.iterdir(), part]:
+        for path in part.iterdir():
+            path.chmod(path.stat().st_mode & ~0o022)  # whatever the umask: what others may write is not loaded
             _sync(path)
+        _sync(part)
         if os.path.lexists(folder):
             folder.rename(aside)  # a library that is loaded from it stays mapped and whole
         part.rename(folder)
@@ -201,15 +209,17 @@ def seal(manifest: dict[str, Any]) -> str:
 
 
 def intact(folder: Path, name: str) -> bool:
-    """Whether the folder is a complete build of that name with every file as it was written."""
+    """Whether the folder is a complete build of that name with every file as it was written, by nobody else."""
     try:
         manifest = json.loads((folder / "manifest.json").read_text())
         files, library = manifest["files"], manifest["library"]
         ours = manifest["build"] == name and library == f"hda_{name}.so" and library in files
         plain = all(Path(file).name == file for file in files)
+        shared = any(find_other_writer(folder / file) for file in (*files, "manifest.json"))
         return bool(
             ours
             and plain
+            and not shared
             and manifest["seal"] == seal(manifest)
             and all(_hash(folder / f) == h for f, h in files.items())
         )
@@ -253,6 +263,9 @@ def _sync(path: Path) -> None:
 @contextmanager
 def _lock(path: Path) -> Iterator[None]:
     """One build at a time in a folder; the lock ends with the process that holds it."""
-    with path.open("w") as handle:
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+    try:
         fcntl.flock(handle, fcntl.LOCK_EX)
         yield
+    finally:
+        os.close(handle)

@@ -45,6 +45,16 @@ CATALOGUE: dict[str, Gear] = {
 }
 
 
+SHEET = ("T1", "T2", "K1", "K2", "K3")  # the keys of a data sheet in robot.toml
+LINEAR = 1e-6  # c_f, 1/(N m): as good as none
+
+
+def steepest(T1: float, T2: float) -> float:
+    """K2 / K1 from which on the flexspline's law would have no stiffness at no torque."""
+    low, middle = (T1 / 2) ** 2, ((T1 + T2) / 2) ** 2
+    return middle / low
+
+
 def drive_laws(gear: Gear) -> tuple[float, float, float, float]:
     """(K_f0 N m/rad, c_f 1/(N m), K_w0 N m/rad, c_w 1/(N m)): flexspline, wave generator from catalogue numbers alone.
 
@@ -54,7 +64,7 @@ def drive_laws(gear: Gear) -> tuple[float, float, float, float]:
     low, middle = (gear.T1 / 2) ** 2, ((gear.T1 + gear.T2) / 2) ** 2
     slope = (gear.K2 - gear.K1) / (middle - low)
     K_f0 = gear.K1 - slope * low
-    c_f = sqrt(slope / K_f0)
+    c_f = max(sqrt(slope / K_f0), LINEAR)
     K_w0 = 2 * gear.starting_torque / (gear.ratio * gear.hysteresis_loss)
     c_w = 2 / (gear.hysteresis_loss * gear.ratio * K_w0)
     return K_f0, c_f, K_w0, c_w

@@ -114,27 +114,41 @@ def flags(profile: str) -> tuple[str, ...]:
     return (*COMMON, *PROFILES[profile])
 
 
-def library(folder: Path, sources: list[str], profile: str, name: str, kept: Path) -> None:
+def library(folder: Path, sources: list[str], profile: str, name: str, kept: Path | None) -> None:
     """Compile the sources in folder, two at a time, and link them into folder/name; objects are removed.
 
-    What was compiled before, for a robot of the same structure, is taken from the folder ``kept``.
+    What was compiled before, for a robot of the same structure, is taken from the folder ``kept``, if there is one.
     """
-    compiler = find()
     made = [source.replace(".c", ".o") for source in sources]
+    shared = ("-dynamiclib", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
+    link = (*find().command, *shared, "-o", name, *made, "-lm")
     pool, over = ThreadPoolExecutor(max_workers=2), Event()
-    with _interrupt_sets(over):
+    with _interrupt_sets(over), _process_group() as group:
         try:
-            for done in [pool.submit(_object, folder, source, profile, kept, over) for source in sources]:
+            work = [pool.submit(_object, folder, source, profile, kept, over, group) for source in sources]
+            for done in work:
                 while not wait([done], timeout=0.1).done:  # an interrupt just before a wait is heard only after it
                     continue
                 done.result()
+            _run(link, folder / name, over, group)
         finally:
             over.set()  # after an error nothing more is begun, and what runs is ended
             pool.shutdown(cancel_futures=True)
-    shared = ("-dynamiclib", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
-    _run((*compiler.command, *shared, "-o", name, *made, "-lm"), folder / name)
     for o in made:
         (folder / o).unlink()
+
+
+@contextmanager
+def _process_group() -> Iterator[int]:
+    """The number of a process group for compilers and all that they start. It is killed when the block ends, and when
+    this process dies without a word: a shell in it waits for the end of a pipe that only this process holds."""
+    watch = subprocess.Popen(("/bin/sh", "-c", "read -r end; kill -9 0"), stdin=subprocess.PIPE, process_group=0)
+    with watch:
+        try:
+            yield watch.pid
+        finally:
+            if watch.poll() is None:
+                os.killpg(watch.pid, signal.SIGKILL)
 
 
 @contextmanager
@@ -160,32 +174,36 @@ def _interrupt_sets(over: Event) -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def _object(folder: Path, source: str, profile: str, kept: Path, over: Event) -> None:
+def _object(folder: Path, source: str, profile: str, kept: Path | None, over: Event, group: int) -> None:
     """The object of one source in folder, as kept or compiled and then kept; CompileError once it is all over."""
     compiler = find()
     start = (*compiler.command, *flags(profile))
     plain = folder / source.replace(".c", ".i")
-    _run((*start, "-E", "-P", source, "-o", plain.name), plain, over)
+    _run((*start, "-E", "-P", source, "-o", plain.name), plain, over, group)
     processor = " ".join(cpu_flags()) if profile == "native" else ""
     name = objects.key(plain.read_bytes(), start, f"{compiler.version} {processor}")
     plain.unlink()
     made = folder / source.replace(".c", ".o")
-    content = objects.fetch(kept, name)
+    content = objects.fetch(kept, name) if kept else None
     if content is not None:
         made.write_bytes(content)
         return
-    _run((*start, "-c", source, "-o", made.name), made, over)
-    objects.keep(kept, name, made.read_bytes())
+    _run((*start, "-c", source, "-o", made.name), made, over, group)
+    if kept:
+        objects.keep(kept, name, made.read_bytes())
 
 
 def plain_library(folder: Path, sources: list[str], name: str) -> None:
     """A library of C that is not ours, compiled -O2 without further flags, to be timed against."""
-    _run((*find().command, "-O2", "-fPIC", "-shared", "-o", name, *sources, "-lm"), folder / name)
+    command = (*find().command, "-O2", "-fPIC", "-shared", "-o", name, *sources, "-lm")
+    with _process_group() as group:
+        _run(command, folder / name, Event(), group)
 
 
-def _run(command: tuple[str, ...], result: Path, over: Event | None = None) -> None:
+def _run(command: tuple[str, ...], result: Path, over: Event, group: int) -> None:
+    """Run a command of the process group ``group`` that makes ``result``. Raises CompileError."""
     try:
-        code, words = _ended(command, result.parent, over or Event())
+        code, words = _ended(command, result.parent, over, group)
     except subprocess.TimeoutExpired as error:
         raise CompileError(f"the compiler did not finish within {PATIENCE:g} s: {shlex.join(command)}") from error
     except OSError as error:
@@ -196,12 +214,19 @@ def _run(command: tuple[str, ...], result: Path, over: Event | None = None) -> N
         raise CompileError(f"the compiler ended without an error and without a {result.name}: {shlex.join(command)}")
 
 
-def _ended(command: tuple[str, ...], folder: Path, over: Event) -> tuple[int, str]:
+def _ended(command: tuple[str, ...], folder: Path, over: Event, group: int) -> tuple[int, str]:
     """The code with which the command ended in the folder, and the end of its words. Once ``over`` is set it is ended
     (CompileError): the interrupt of a terminal does not reach a program that is being started just then."""
     until = time.monotonic() + PATIENCE
     with subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+        command,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        process_group=group,
     ) as child:
         try:
             while not over.is_set():

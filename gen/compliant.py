@@ -6,32 +6,78 @@ scales the spring's level, so that its compliance is free between the drive as b
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
-from gen.description import Drive, Joint, Robot, Value
+from gen.description import Drive, Joint, Robot, StatedEffect, Value
 from gen.effect import Parameter
 from gen.effects.missing_compliance import EFFECT
+from gen.mass import mobility
 from gen.rules import LEAST_ROTOR
 
 LINEAR = 1e-6  # c_f, 1/(N m): as good as none
 FAR = 0.1  # rad (or m) of torsion to which the law goes
+CARRIED = 2.0  # of the fastest oscillation and decay, a step: RK4 is stable to 2.78
+VISCOUS = 0.5  # of the decay that viscous friction makes
+SOFTNESS, DAMPING = EFFECT.parameters
 ROOM = 2.0  # times the width of smooth friction that the step just carries
 
 
-def compliant(robot: Robot, everywhere: bool) -> Robot:
-    """``robot`` with springs in the rigid drives that state the effect, or ``everywhere`` there is a rotor to turn."""
+def springs(extra: tuple[str, ...], n: int) -> tuple[frozenset[int], tuple[str, ...]]:
+    """Of effects to add to a robot of ``n`` joints: the joints whose rigid drives get a spring, of which
+    ``missing_compliance@2`` says one and ``missing_compliance`` all; and the names without a joint."""
+    everywhere = frozenset(range(1, n + 1))
+    of = {f"{EFFECT.name}@{j}": frozenset({j}) for j in everywhere} | {EFFECT.name: everywhere}
+    sprung = frozenset[int]().union(*(of[name] for name in extra if name in of))
+    return sprung, tuple(EFFECT.name if name in of else name for name in extra)
+
+
+def compliant(robot: Robot, given: Collection[int]) -> Robot:
+    """``robot`` with springs in the rigid drives that state the effect, and in those of the joints ``given`` that have
+    a rotor to turn; of those that do not state it each so soft, and so little damped, that the robot's step carries it,
+    and none where that would be softer than a spring may be, or where the step does not carry the rotor alone."""
     stated = {effect.joint: effect.parameters for effect in robot.effects if effect.name == EFFECT.name}
     joints = list(robot.joints)
     for j, joint in enumerate(joints, 1):
-        rotor = joint.drive.motor_inertia.nominal >= LEAST_ROTOR
-        if joint.drive.rigid and rotor and (everywhere or j in stated):
-            joints[j - 1] = _flexible(joint, _compliance(stated.get(j, {})), robot.step)
-    return replace(robot, joints=tuple(joints))
+        if joint.drive.rigid and (j in stated or (j in given and _turns(joint.drive, robot.step))):
+            joints[j - 1] = _flexible(joint, _nominal(stated.get(j, {}), SOFTNESS), robot.step)
+    assumed = []
+    for j, values in _carried(tuple(joints), robot.step).items():
+        if j in stated or robot.joints[j - 1] is joints[j - 1]:
+            continue
+        softness = values[SOFTNESS.name].nominal
+        if softness > SOFTNESS.high:
+            joints[j - 1] = robot.joints[j - 1]
+        elif values != {p.name: Value(p.nominal, 0.0) for p in EFFECT.parameters}:
+            joints[j - 1] = _flexible(robot.joints[j - 1], softness, robot.step)
+            assumed.append(StatedEffect(EFFECT.name, j, values, assumed=True))
+    return replace(robot, joints=tuple(joints), effects=(*robot.effects, *assumed))
 
 
-def _compliance(parameters: dict[str, Value]) -> float:
-    own: Parameter = EFFECT.parameters[0]
-    return parameters[own.name].nominal if own.name in parameters else own.nominal
+def _turns(drive: Drive, step: float) -> bool:
+    """Whether there is a rotor to turn by itself, so heavy that a ``step``, s, carries its viscous friction."""
+    inertia = drive.motor_inertia.nominal
+    return inertia >= LEAST_ROTOR and drive.viscous_friction.nominal * step <= VISCOUS * inertia
+
+
+def _nominal(stated: dict[str, Value], parameter: Parameter) -> float:
+    return stated[parameter.name].nominal if parameter.name in stated else parameter.nominal
+
+
+def _carried(joints: tuple[Joint, ...], step: float) -> dict[int, dict[str, Value]]:
+    """Of each flexible joint the effect's nominal values, softer and less damped where a ``step``, s, carries no more:
+    with 1/M + 1/(N² J), M and J inertia of link and rotor, times stiffness it makes the square of an oscillation, times
+    damping a decay, which both are shared among the joints, as those of all add at most."""
+    flexible = [j for j, joint in enumerate(joints, 1) if not joint.drive.rigid]
+    ease, found = mobility(joints) if flexible else (), {}
+    for j in flexible:
+        drive = joints[j - 1].drive
+        rotor = drive.ratio.nominal**2 * drive.motor_inertia.nominal
+        share = len(flexible) * (float(ease[j - 1]) + 1.0 / rotor)
+        softness, damping = share * (step / CARRIED) ** 2, CARRIED / (share * step)
+        values = max(SOFTNESS.nominal, softness), min(DAMPING.nominal, damping)
+        found[j] = {p.name: Value(value, 0.0) for p, value in zip(EFFECT.parameters, values, strict=True)}
+    return found
 
 
 def _flexible(joint: Joint, compliance: float, step: float) -> Joint:

@@ -84,11 +84,13 @@ class Joint:
 @dataclass(frozen=True)
 class StatedEffect:
     """An effect that the robot file states, with every parameter filled in but those whose nominal value is the
-    joint's; joint 0 is the whole arm."""
+    joint's; joint 0 is the whole arm. ``assumed``: the file does not, it is what a spring was given that is only looked
+    for."""
 
     name: str
     joint: int
     parameters: dict[str, Value]
+    assumed: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,9 +109,11 @@ class Robot:
 
 
 def canonical(robot: Robot) -> dict[str, Any]:
-    """The whole description as JSON can hold it, for the manifest: everything but where the file lay."""
+    """The whole description as JSON can hold it, for the manifest: everything but where the file lay, and effects that
+    the file does not state."""
     description = _plain(asdict(robot))
     del description["source"]
+    description["effects"] = [effect for effect in description["effects"] if not effect.pop("assumed")]
     return description
 
 

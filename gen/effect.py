@@ -64,13 +64,14 @@ class Parameter:
 @dataclass(frozen=True)
 class State:
     """A memory of an effect, 0 at the start; ``stiff`` asks for the L-stable step where the robot file states the
-    effect."""
+    effect; ``slowed``: where it has the explicit one, it builds up no faster than that carries (`gen.memory`)."""
 
     name: str
     unit: str
     bound: float
     meaning: str
     stiff: bool = False
+    slowed: bool = False
 
 
 @dataclass(frozen=True)

@@ -78,6 +78,8 @@ def _text(key: Key, raw: Any) -> str:
         raise Unfit(f"found {shown(raw)}, possible is text in quotes; correct it")
     if key.choices and raw not in key.choices:
         choices = " or ".join(json.dumps(choice) for choice in key.choices)
+        if key.otherwise_do:
+            raise Unfit(f"found {shown(raw)}, which is not among {choices}; {key.otherwise_do}")
         raise Unfit(f"found {shown(raw)}, possible is {choices}; choose one{nearest(raw, key.choices)}")
     return raw
 

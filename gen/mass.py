@@ -48,10 +48,7 @@ def singular(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | Non
     joint but the first, on which M does not depend, the straight and the folded arm included, and over the stated
     range of every prismatic joint (±1 m where none is stated).
     """
-    n = len(joints)
-    count = 2 * max(2, int(POINTS ** (1 / max(n - 1, 1)) / 2))
-    axes = [np.zeros(1)] + [_axis(joint, count) for joint in joints[1:]]
-    q = np.array(list(itertools.product(*axes)))
+    q = _grid(joints)
     M = mass_matrix(joints, q)
     diagonal = np.einsum("pii->pi", M)
     scale = np.sqrt(np.where(diagonal > LEAST, diagonal, 1.0))
@@ -60,6 +57,18 @@ def singular(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | Non
     if smallest[worst] > SMALLEST:
         return None
     return tuple(float(value) for value in q[worst]), float(smallest[worst])
+
+
+def mobility(joints: tuple[Joint, ...]) -> np.ndarray:
+    """How easily each joint is moved at most (n), 1/(kg m²) or 1/kg: the diagonal of M⁻¹ over the same grid."""
+    return np.asarray(np.diagonal(np.linalg.inv(mass_matrix(joints, _grid(joints))), axis1=1, axis2=2).max(0))
+
+
+def _grid(joints: tuple[Joint, ...]) -> np.ndarray:
+    """Joint positions (points × n)."""
+    count = 2 * max(2, int(POINTS ** (1 / max(len(joints) - 1, 1)) / 2))
+    axes = [np.zeros(1)] + [_axis(joint, count) for joint in joints[1:]]
+    return np.array(list(itertools.product(*axes)))
 
 
 def _axis(joint: Joint, count: int) -> np.ndarray:

@@ -19,6 +19,7 @@ from gen import drive, sizes
 from gen.arm import Chain
 from gen.effect import Effect, Parameter, Port, Signals
 from gen.robot import Robot, parameters
+from gen.schema import keys
 
 SX = ca.SX
 
@@ -80,6 +81,8 @@ class Model:
         self.memory = tuple((e, s, j) for e in effects for j in self.applies(e) for s in e.states)
         self.x_slots, self.u_slots = self._x_slots(), self._u_slots()
         self.quantities = self._quantities()
+        if any(s.slowed for _, s, _ in self.memory) and not self.stiff:
+            self.quantities += (_memory_step(robot.step),)
         self.p = SX.sym("p", len(self.quantities))
         self.x = SX.sym("x", len(self.x_slots))
         self.u = SX.sym("u", len(self.u_slots))
@@ -115,8 +118,9 @@ class Model:
         for v in parameters(self.robot):
             low, high = v.low, v.high
             key = v.name.rpartition("_")[0]
-            if key in drive.SPRINGS:  # where the springs' inverse keeps its error
-                low, high = v.nominal / drive.SPREAD, v.nominal * drive.SPREAD
+            if key in drive.SPRINGS:  # where the springs' inverse keeps its error, and a robot file may state them
+                low = max(min(low, v.nominal), v.nominal / drive.SPREAD)
+                high = min(max(high, v.nominal), v.nominal * drive.SPREAD)
             effect = amplitude_of.get(key)
             typical = effect.sizes[key] * sizes.usual(self.robot, v.joint, key) if effect else None
             name = effect.name if effect else None
@@ -212,12 +216,13 @@ class Model:
     def symbols_of(self, j: int) -> dict[str, Any]:
         """The symbols of joint j's parameters by the names that equations use, without the joint's number."""
         own = {q.name.removesuffix(f"_{j}"): self.p[k] for k, q in enumerate(self.quantities) if q.joint == j}
+        own |= {"memory_step": self.by_name["memory_step"]} if "memory_step" in self.by_name else {}
         return own | ({"inverse": self.inverse[j]} if j in self.inverse else {})
 
     def of_joint(self, j: int) -> dict[str, Any]:
         """What equations of joint j read by name: `symbols_of`, with the springs' level and damping as effects in
-        series make them, and the step by which memories are slowed, s."""
-        p: dict[str, Any] = self.symbols_of(j) | {"step": 0.0 if self.stiff else self.robot.step}
+        series make them; memories that the L-stable step carries are not slowed."""
+        p: dict[str, Any] = {"memory_step": 0.0} | self.symbols_of(j)
         for effect in self.at(Port.SERIES, j):
             share, damping = effect.equation(Signals(), p)
             p["stiffness_level"] = p["stiffness_level"] * share
@@ -364,6 +369,13 @@ class Model:
         pending = {j: list(drives[j].rates) for j in self.joints}
         rates = [pending[j].pop(0) for _, _, j in self.memory]
         return ca.vertcat(*speeds, self.v, *motor, accelerations, *rates), ca.vertcat(*hold)
+
+
+def _memory_step(step: float) -> Quantity:
+    """The step, s, that slowed memories are prepared for, which whoever integrates with another one sets."""
+    key = keys("")["step"]
+    meaning = "integration step, faster than which no memory of an effect builds up"
+    return Quantity("memory_step", 0, "s", step, key.range.low, key.range.high, 0.0, meaning)
 
 
 def solve_symmetric(M: Any, b: Any) -> Any:

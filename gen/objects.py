@@ -1,7 +1,8 @@
 """Compiled objects that are kept: robots of the same structure give the same C, for numbers are parameters, not text.
 
 An object is found by the hash of its preprocessed source, the compiler and the flags, and holds a hash of itself, so
-that a damaged one is made again. The folder that holds them lies beside the builds, which lock it.
+that a damaged one is made again. The folder that holds them lies beside the builds, which lock it; what another user
+may write is not taken.
 """
 
 from __future__ import annotations
@@ -10,7 +11,10 @@ import hashlib
 import secrets
 from pathlib import Path
 
+from gen.ownership import find_other_writer
+
 MOST = 512  # objects that are kept, the newest
+PART = ".part-"  # begins the name of one that is being written
 
 
 def key(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
@@ -26,6 +30,8 @@ def fetch(kept: Path, name: str) -> bytes | None:
     """The object of that key, None where there is none that is whole."""
     for path in kept.glob(f"{name}-*.o"):
         try:
+            if find_other_writer(path):
+                continue
             content = path.read_bytes()
         except OSError:
             continue
@@ -37,13 +43,22 @@ def fetch(kept: Path, name: str) -> bytes | None:
 
 def keep(kept: Path, name: str, content: bytes) -> None:
     """Put an object away, whole or not at all, and throw away the oldest beyond MOST."""
-    kept.mkdir(parents=True, exist_ok=True)
+    kept.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = kept / f"{name}-{_hash(content)}.o"
-    part = kept / f".{secrets.token_hex(8)}"
-    part.write_bytes(content)
-    part.replace(path)
+    part = kept / f"{PART}{secrets.token_hex(8)}"
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
     for old in sorted(kept.glob("*.o"), key=_age)[:-MOST]:
         old.unlink(missing_ok=True)
+
+
+def discard_parts(kept: Path) -> None:
+    """Remove what a kill left half-written, while nobody else writes."""
+    for part in kept.glob(f"{PART}*"):
+        part.unlink(missing_ok=True)
 
 
 def _age(path: Path) -> float:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gen import rules
-from gen.catalogue import CATALOGUE, drive_laws
+from gen.catalogue import CATALOGUE, SHEET, Gear, drive_laws
 from gen.description import Drive, Joint, Limits, Robot, RobotError, Sensor, StatedEffect, Value, canonical
 from gen.effect import Effect
 from gen.entry import shown
@@ -114,9 +114,20 @@ def _about_center(own: dict[str, Any]) -> Value:
     return Value(inertia, about_joint.tolerance * share)
 
 
+def _of_data_sheet(stated: dict[str, Any]) -> Gear | None:
+    """The gear whose data sheet stands in a drive, None where none does."""
+    if SHEET[0] not in stated:
+        return None
+    starting = stated.get("starting_torque", stated["coulomb_friction"].nominal)
+    numbers = {name: stated[name] for name in SHEET}
+    loss = stated["hysteresis_loss"]
+    return Gear(stated["ratio"].nominal, **numbers, hysteresis_loss=loss, starting_torque=starting, source="robot.toml")
+
+
 def _drive(stated: dict[str, Any], tolerance: float) -> Drive:
-    values: dict[str, Any] = dict.fromkeys(Drive.__dataclass_fields__) | stated
-    gear = CATALOGUE.get(values.pop("catalogue", ""))
+    gear = CATALOGUE.get(stated.get("catalogue", "")) or _of_data_sheet(stated)
+    values: dict[str, Any] = {name: stated.get(name) for name in Drive.__dataclass_fields__}
+    values["compliant"] = False
     if gear:
         values |= {name: Value(number, tolerance) for name, number in zip(SPRINGS, drive_laws(gear), strict=True)}
         values["ratio"] = values["ratio"] or Value(gear.ratio, 0.0)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from keyword import iskeyword
 from typing import Any
 
-from gen.catalogue import CATALOGUE
+from gen.catalogue import CATALOGUE, SHEET, steepest
 from gen.description import StatedEffect, Value
 from gen.effect import Effect, Port
 from gen.entry import shown
@@ -135,22 +135,55 @@ def _link(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) 
 def _needs(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) -> None:
     """Holds the drive's keys against `Need`; where rigid itself is wrong, nothing that depends on it is said."""
     rigid, geared = values.get("rigid"), "catalogue" in raw
+    sheet = any(name in raw for name in SHEET)
+    springs = (Need.SPRING, Need.FLEXIBLE, Need.SHEET, Need.BESIDE)
     for name, key in keys("joint.drive").items():
         given = name in raw
         if rigid is None or key.need in (Need.YES, Need.NO):
             continue
-        if rigid and given and key.need in (Need.SPRING, Need.FLEXIBLE):
+        if rigid and given and key.need in springs:
             reading.add(
                 path(place, name),
                 "found with rigid = true, possible only in a drive with springs; remove it or rigid = true",
             )
-        elif geared and given and key.need is Need.SPRING:
+        elif geared and given and key.need in (Need.SPRING, Need.SHEET, Need.BESIDE):
             reading.add(path(place, name), "found beside catalogue, possible is one of the two; remove one")
-        elif not given and not geared and (key.need is Need.GEARED or (key.need is Need.SPRING and not rigid)):
+        elif sheet and given and key.need is Need.SPRING:
+            reading.add(path(place, name), "found beside K1 to T2 of a data sheet, possible is either; remove one")
+        elif given and key.need is Need.BESIDE and not sheet:
+            reading.add(path(place, name), "found without K1 to T2 of a data sheet, possible is beside them; remove it")
+        elif not given and not geared and _asked(key, rigid, sheet):
             reading.missing(key, place)
 
 
+def _asked(key: Key, rigid: bool, sheet: bool) -> bool:
+    """Whether a drive without catalogue, ``rigid`` or with springs by a data ``sheet`` or their own keys, must have a
+    key."""
+    if rigid or key.need is Need.GEARED:
+        return key.need is Need.GEARED
+    return key.need is Need.SHEET or key.name == "hysteresis_loss" if sheet else key.need is Need.SPRING
+
+
+def _sheet(values: Values, place: str, reading: Reading) -> None:
+    """Whether the numbers of a data sheet give springs."""
+    T1, T2, K1, K2, K3 = (values[name] for name in SHEET)
+    if not T1 < T2:
+        reading.add(path(place, "T2"), f"found {T2:g}, possible is above T1 = {T1:g}; correct them")
+    elif not K1 <= K2 <= K3:
+        found = f"found K1 = {K1:g}, K2 = {K2:g} and K3 = {K3:g}"
+        reading.add(path(place, "K1"), f"{found}, possible are stiffnesses that do not fall; correct them")
+    elif values["hysteresis_loss"] <= 0:
+        reading.add(path(place, "hysteresis_loss"), "found 0, possible beside K1 to T2 is above 0; correct it")
+    elif values.get("starting_torque", values["coulomb_friction"].nominal) <= 0:
+        reading.add(path(place, "starting_torque"), "found no friction to start against; write that of the data sheet")
+    elif (most := steepest(T1, T2) * K1) <= K2:
+        possible = f"possible is below {most:.6g} with these K1, T1 and T2, so that the law starts above 0"
+        reading.add(path(place, "K2"), f"found {K2:g}, {possible}; correct them")
+
+
 def _drive(values: Values, place: str, reading: Reading) -> None:
+    if {*SHEET, "hysteresis_loss", "coulomb_friction"} <= values.keys() and values.get("rigid") is False:
+        _sheet(values, place, reading)
     gear = CATALOGUE.get(values.get("catalogue", "")) if values.get("rigid") is False else None
     if gear and "ratio" in values and values["ratio"].nominal != gear.ratio:
         found = f"found {values['ratio'].nominal:g} beside catalogue = {shown(values['catalogue'])}"

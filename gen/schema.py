@@ -45,7 +45,9 @@ class Need(Enum):
     REVOLUTE = "yes; at a prismatic joint no, it is 0"
     EITHER = "one of inertia and inertia_about_joint"
     GEARED = "yes, unless catalogue is given"
-    SPRING = "yes; refused with catalogue and with rigid = true"
+    SPRING = "yes; refused with catalogue, with a data sheet and with rigid = true"
+    SHEET = "of a data sheet, with hysteresis_loss; refused with catalogue and with rigid = true"
+    BESIDE = "no; of a data sheet alone"
     FLEXIBLE = "no; refused with rigid = true"
 
 
@@ -78,6 +80,7 @@ class Key:
     width: float = 0.0  # of a parameter whose nominal is 0: how far its bounds lie from 0
     sliding: str = ""  # the unit at a prismatic joint, where it differs
     choices: tuple[str, ...] = ()
+    otherwise_do: str = ""  # what to do where no choice fits, of which then none is suggested
 
 
 def above(low: float, high: float) -> Range:
@@ -87,6 +90,7 @@ def above(low: float, high: float) -> Range:
 
 ANY = Range()
 YES, NO, EITHER, SPRING, FLEXIBLE = Need.YES, Need.NO, Need.EITHER, Need.SPRING, Need.FLEXIBLE
+SHEET = Need.SHEET
 PARAMETER, NUMBER, TEXT = Kind.PARAMETER, Kind.NUMBER, Kind.TEXT
 DRIVE, LIMITS, SENSOR = "joint.drive", "joint.limits", "joint.sensor"
 GEAR = "the catalogue's"
@@ -120,7 +124,8 @@ TABLE: tuple[Key, ...] = (
     Key(DRIVE, "rigid", Kind.FLAG, NO, "", ANY, "no springs: motor angle = ratio · joint position", False),
     Key(DRIVE, "catalogue", TEXT, FLEXIBLE, "", ANY,
         "gear that gives ratio, the four spring values and hysteresis_loss", otherwise="none",
-        choices=tuple(CATALOGUE)),
+        choices=tuple(CATALOGUE), otherwise_do="another gear has other springs, so leave catalogue out and write "
+        "ratio, K1, K2, K3, T1, T2 and hysteresis_loss of its own data sheet"),
     Key(DRIVE, "ratio", PARAMETER, Need.GEARED, "1", Range(1e-3, 1e5),
         "motor angle over joint position; both counted positive alike", otherwise=GEAR, exact=True, sliding="rad/m"),
     Key(DRIVE, "motor_inertia", PARAMETER, YES, "kg m²", Range(0, 10),
@@ -143,6 +148,17 @@ TABLE: tuple[Key, ...] = (
         "K_w0, stiffness of the wave generator at zero torque, at the motor", otherwise=GEAR),
     Key(DRIVE, "wave_generator_stiffening", PARAMETER, SPRING, "1/(N m)", Range(1e-3, 1e5),
         "c_w, stiffening of the wave generator, at the motor", otherwise=GEAR),
+    Key(DRIVE, "K1", NUMBER, SHEET, "N m/rad", Range(1e-3, 1e10),
+        "stiffness of the gear from no torque to T1, at the joint", sliding="N/m"),
+    Key(DRIVE, "K2", NUMBER, SHEET, "N m/rad", Range(1e-3, 1e10),
+        "the same from T1 to T2; with K1 it gives the flexspline's stiffness and stiffening", sliding="N/m"),
+    Key(DRIVE, "K3", NUMBER, SHEET, "N m/rad", Range(1e-3, 1e10),
+        "the same above T2, where the model follows a parabola through K1 and K2", sliding="N/m"),
+    Key(DRIVE, "T1", NUMBER, SHEET, "N m", Range(1e-6, 1e8), "torque at which K1 ends", sliding="N"),
+    Key(DRIVE, "T2", NUMBER, SHEET, "N m", Range(1e-6, 1e8), "torque at which K2 ends", sliding="N"),
+    Key(DRIVE, "starting_torque", NUMBER, Need.BESIDE, "N m", Range(1e-5, 1e3),
+        "τ_fs, at the wave generator; with hysteresis_loss it gives the wave generator's spring",
+        otherwise="coulomb_friction"),
     Key(DRIVE, "torsional_damping", PARAMETER, FLEXIBLE, "N m s/rad", Range(0, 1e7),
         "damping beside the springs, at the joint", 0.0, width=10.0, sliding="N s/m"),
     Key(DRIVE, "law_torque", PARAMETER, FLEXIBLE, "N m", Range(1e-3, 1e8),
@@ -208,7 +224,9 @@ range are refused, all at once. A file that is not TOML in UTF-8 or is larger th
 
 `gen.robot.load` takes such a file or the name of a preset: {presets}.
 
-Gears in the catalogue: {gears}.
+Gears in the catalogue: {gears}. Of any other gear the numbers of its data sheet stand in `[joint.drive]`:
+`ratio`, `K1`, `K2`, `K3`, `T1`, `T2`, `hysteresis_loss` (ψ) and, where it is known, `starting_torque`; the four springs
+follow from them as from the catalogue's.
 """
 
 

@@ -74,6 +74,17 @@ class Examination:
             )
         return problems
 
+    def mended(self) -> tuple[float, tuple[float, ...]]:
+        """The step, s, and the widths of smooth friction, rad/s, that carry the model: as they are where they do."""
+        size = self.step * self.loaded.rate
+        step = float(_rounded(STABLE / self.loaded.rate, math.floor)) if size > STABLE else self.step
+        smallest = self.smallest_step * step / self.step
+        if smallest * self.friction_rate <= SMOOTH:
+            return step, self.width
+        shares = [max(smallest * rate / SMOOTH, 1.0) for rate in self.friction]
+        widths = zip(self.width, shares, strict=True)
+        return step, tuple(float(_rounded(w * share, math.ceil)) if share > 1 else w for w, share in widths)
+
     def lines(self) -> list[str]:
         """What the step carries and how well, in words."""
         said = []

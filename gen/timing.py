@@ -24,10 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gen import compile as compiler
-from gen.build import assembled, build
+from gen.build import BuildError, assembled, build
 from gen.emitted import dense
 from gen.library import Library
 from gen.model import Model
+from gen.ownership import find_other_writer
 from gen.robot import load
 
 SX = ca.SX
@@ -232,7 +233,10 @@ def _sampler(ins: int, outs: int) -> str:
 
 
 def _library(folder: Path) -> Path:
-    return folder / str(json.loads((folder / "manifest.json").read_text())["library"])
+    library = folder / str(json.loads((folder / "manifest.json").read_text())["library"])
+    if why := find_other_writer(library):
+        raise BuildError(f"{folder}: compiled code is not run from there, for {why}; name your own with --out.")
+    return library
 
 
 @contextmanager

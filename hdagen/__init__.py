@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
+
+if sys.platform == "win32":
+    raise ImportError("hdagen does not run on Windows; use Linux, there or in the Windows Subsystem for Linux.")
 
 if TYPE_CHECKING:
     from hdagen.control import Controller, Fault, Guard, Safe

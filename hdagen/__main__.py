@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import NoReturn
 
+from hdagen import __version__
+
 COMMANDS = ("demo", "simulate", "replay", "diagnose", "adopt", "excite", "mpc", "bench", "blind", "paper")
 DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 130, 141
 TRACEBACK = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show where they arose
@@ -35,6 +37,7 @@ def parser() -> argparse.ArgumentParser:
         f"unusable, 4 an error that hdagen did not foresee ({TRACEBACK}=1 shows where), 130 interrupted, 141 nobody "
         "reads what is printed",
     )
+    top.add_argument("--version", action="version", version=f"hdagen {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar=" | ".join(COMMANDS))
     for name in COMMANDS:
         importlib.import_module(f"hdagen.{name}_command").add_parser(commands)

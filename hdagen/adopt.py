@@ -1,13 +1,16 @@
 """Adopt: the verdict of a diagnosis put into the robot file, whose comments and layout stay as they are.
 
 What is written is what `replay --with` uses, by the same rule (`hdagen.verdict`): base parameters no further than three
-tolerances from where they were, the effects of the verdict as [[effect]] tables. The new file is built before it is put
-in its place, and a model whose parameters are not the ones meant is refused.
+tolerances from where they were and not where the log said nothing of them, the effects of the verdict as [[effect]]
+tables. Where the corrected model asks for a smaller step or a wider smoothing of friction, these are written, too. The
+new file is built before it is put in its place, and a model whose parameters are not the ones meant is refused.
 """
 
 from __future__ import annotations
 
+import difflib
 import math
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +18,10 @@ from typing import Any
 
 from hdagen import verdict
 from hdagen.input_file import InputFileError, read_bytes
+from hdagen.opening import mended
 from hdagen.plant import Arm, PlantError, load
-from hdagen.robot_file import RobotFile
-from hdagen.whole import whole
+from hdagen.robot_file import SPRINGS, Place, RobotFile
+from hdagen.whole import write_whole
 
 _LARGEST = 1_000_000  # bytes of a robot file
 _ROUNDING = 1e-9  # a lumped inertia goes through a sum and a difference
@@ -36,43 +40,94 @@ class Change:
 
 @dataclass(frozen=True)
 class Adopted:
-    """A robot file with a verdict in it: its ``text``, what changed, and what a reader must know, in sentences."""
+    """A robot file with a verdict in it: its ``text``, what changed, what a reader must know, in sentences, and the
+    lines that differ from the file as it was, as `diff -u` has them."""
 
     text: str
     changes: tuple[Change, ...]
     notes: tuple[str, ...]
+    difference: tuple[str, ...]
 
 
 def adopt(
-    diagnosis: str | Path, robot: str | Path, out: str | Path, force: bool = False, profile: str = "portable"
+    diagnosis: str | Path, robot: str | Path, out: str | Path | None, force: bool = False, profile: str = "portable"
 ) -> Adopted:
-    """Write ``robot`` (a robot.toml) with the verdict of ``diagnosis`` (a diagnosis.json) in it to ``out``.
+    """Write ``robot`` (a robot.toml) with the verdict of ``diagnosis`` (a diagnosis.json) in it to ``out``; None: only
+    say what would be written.
 
-    A file at ``out`` is kept unless ``force``. Raises PlantError: a diagnosis of another robot or of an older state of
-    its file, of an unknown schema or with numbers that are none, an ``out`` that cannot be written.
+    A file at ``out`` is kept unless ``force``. Raises PlantError: a diagnosis of another robot (`hdagen.identity`), of
+    an unknown schema or with numbers that are none, an ``out`` that cannot be written.
     """
-    robot, out = Path(robot), Path(out)
+    robot = Path(robot)
     raw = _read(robot)
-    _writable(out, force)
+    if out is not None:
+        _writable(Path(out), force)
     stated = verdict.read(diagnosis)
     content = verdict.read_content(Path(diagnosis))
     arm = verdict.with_effects(robot, profile, stated)
     wanted, notes = verdict.applied(arm, stated)
     file = RobotFile(raw, arm)
     changes = _changes(file, arm, wanted, stated, _spreads(content))
-    text = file.text()
+    label = Path(out) if out is not None else robot
+    with tempfile.TemporaryDirectory() as folder:
+        candidate = Path(folder) / "robot.toml"
+        candidate.write_bytes(file.text())
+        try:
+            found, further = _built(candidate, file, arm, profile)
+        except PlantError as error:
+            why = str(error).replace(str(candidate), str(label))
+            raise PlantError(
+                f"{label}: no model can be built from the corrected file, and nothing was written: {why}"
+            ) from None
+    _agrees(found, label, wanted)
+    if out is not None:
+        _write(Path(out), file.text())
+    notes = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
+    notes += [
+        f"{change.where}: {change.before:.6g} {change.unit} does not carry the corrected model, {change.after:.6g} "
+        "does; this is of the integration, and the robot is the same."
+        for change in further
+    ]
+    if not changes:
+        notes.append("The diagnosis changes nothing: what is written is the robot file as it was.")
+    text = file.text().decode("utf-8-sig")
+    before = raw.decode("utf-8-sig").splitlines()
+    difference = difflib.unified_diff(before, text.splitlines(), str(robot), str(out or "corrected"), lineterm="")
+    return Adopted(text, (*changes, *further), tuple(notes), tuple(difference))
+
+
+def _built(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Arm, list[Change]]:
+    """The model of ``candidate``, which holds ``file``; and what had to be changed in both, as the step or the
+    smoothing of friction of the robot file of ``arm`` does not carry it. Raises PlantError."""
     try:
-        with whole(out, text) as temporary:
-            _agrees(temporary, out, profile, wanted)
+        return load(candidate, profile), []
+    except PlantError:
+        step, widths = mended(candidate)  # raises where it is something else
+    changes = []
+    smoothing = [joint["drive"]["friction_smoothing"]["nominal"] for joint in arm.robot["joints"]]
+    for place, before, after, unit in (
+        (Place("top", 0, "step"), arm.step_size, step, "s"),
+        *(
+            (Place("drive", j, "friction_smoothing"), before, after, "rad/s")
+            for j, (before, after) in enumerate(zip(smoothing, widths, strict=True), 1)
+        ),
+    ):
+        if after != before:
+            file.put(place, after, unit)
+            changes.append(Change(str(place), before, after, unit))
+    candidate.write_bytes(file.text())
+    return load(candidate, profile), changes
+
+
+def _write(out: Path, text: bytes) -> None:
+    """The new file, whole or not at all. Raises PlantError."""
+    try:
+        write_whole(out, text)
     except OSError as error:
         raise PlantError(
             f"{out}: cannot be written ({error.strerror}), and what stood there is unchanged; make room or name "
             "another place."
         ) from None
-    notes = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
-    if not changes:
-        notes.append("The diagnosis changes nothing: what is written is the robot file as it was.")
-    return Adopted(text.decode("utf-8-sig"), tuple(changes), tuple(notes))
 
 
 def _read(robot: Path) -> bytes:
@@ -134,25 +189,28 @@ def _share(entry: Any, value: float) -> float:
     return float(std / abs(value))
 
 
-def _agrees(temporary: Path, out: Path, profile: str, wanted: Arm) -> None:
-    """Builds the new file and holds its parameters against those meant. Raises PlantError."""
-    try:
-        found = load(temporary, profile)
-    except PlantError as error:
-        why = str(error).replace(str(temporary), str(out))
-        raise PlantError(
-            f"{out}: no model can be built from the corrected file, and nothing was written: {why}"
-        ) from None
+def _agrees(found: Arm, out: Path, wanted: Arm) -> None:
+    """Holds the parameters of the new file against those meant. Raises PlantError."""
+    own = {name: value for name, value in wanted.parameters.items() if not _derived(name, found)}
     differ = [
         f"{name} is {found.parameters[name]:.9g} and should be {value:.9g}"
-        for name, value in wanted.parameters.items()
+        for name, value in own.items()
         if name in found.parameters
         and not math.isclose(found.parameters[name], value, rel_tol=_ROUNDING, abs_tol=1e-15)
     ]
-    missing = [name for name in wanted.parameters if name not in found.parameters and wanted.parameters[name] != 0]
+    missing = [name for name, value in own.items() if name not in found.parameters and value != 0]
     if differ or missing:
         said = "; ".join([*differ, *(f"{name} is not in its model" for name in missing)])
         raise PlantError(
             f"{out}: the corrected file would not say what the diagnosis does ({said}), and nothing was written; write "
             "the robot file's tables plainly and adopt again."
         )
+
+
+def _derived(name: str, found: Arm) -> bool:
+    """Whether a parameter follows from others: the smoothing of friction and the step of memories, which are of the
+    integration, and the springs at which a drive was built that the file calls rigid, of which the stated compliance
+    says all that counts."""
+    key, _, joint = name.rpartition("_")
+    given = joint.isdigit() and found.robot["joints"][int(joint) - 1]["drive"]["compliant"]
+    return name == "memory_step" or key == "friction_smoothing" or (given and key in SPRINGS)

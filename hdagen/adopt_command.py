@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +12,7 @@ if TYPE_CHECKING:
     from hdagen.adopt import Adopted
 
 EXAMPLE = """example:
+  hdagen adopt diagnosis-log/diagnosis.json robot.toml --dry-run
   hdagen adopt diagnosis-log/diagnosis.json robot.toml --out robot.new.toml
   hdagen replay robot.new.toml log.parquet
   python -m gen build robot.new.toml
@@ -30,17 +33,33 @@ def add_parser(commands: Any) -> None:
     )
     p.add_argument("diagnosis", type=Path, metavar="diagnosis.json", help="what hdagen diagnose wrote")
     p.add_argument("robot", type=Path, metavar="robot.toml", help="the robot file that was diagnosed")
-    p.add_argument("--out", type=Path, required=True, metavar="robot.new.toml", help="where the new one is written")
+    where = p.add_mutually_exclusive_group(required=True)
+    where.add_argument("--out", type=Path, metavar="robot.new.toml", help="where the new one is written")
+    where.add_argument("--dry-run", action="store_true", help="write nothing and show the lines that would differ")
     p.add_argument("--force", action="store_true", help="write over a file that is there, be it robot.toml itself")
     p.add_argument("--profile", choices=("portable", "native"), default="portable", help="of the builds that are made")
+    p.add_argument("--json", action="store_true", help="print what changed as JSON")
 
 
 def run(options: argparse.Namespace) -> int:
     """Adopt and print."""
     from hdagen.adopt import adopt
 
-    _print(options, adopt(options.diagnosis, options.robot, options.out, options.force, options.profile))
+    adopted = adopt(options.diagnosis, options.robot, options.out, options.force, options.profile)
+    (_print_json if options.json else _print)(options, adopted)
     return DONE
+
+
+def _print_json(options: argparse.Namespace, adopted: Adopted) -> None:
+    said = {
+        "robot": str(options.robot),
+        "diagnosis": str(options.diagnosis),
+        "changes": [asdict(change) for change in adopted.changes],
+        "notes": list(adopted.notes),
+        "difference": list(adopted.difference),
+        "out": str(options.out) if options.out else None,
+    }
+    print(json.dumps(said, indent=1))
 
 
 def _print(options: argparse.Namespace, adopted: Adopted) -> None:
@@ -59,4 +78,7 @@ def _print(options: argparse.Namespace, adopted: Adopted) -> None:
         console.print(table)
     for note in adopted.notes:
         console.print(f"note: {note}", markup=False)
-    console.print(f"written: {options.out}", markup=False)
+    if options.dry_run:
+        console.print("\n".join([*adopted.difference, "nothing is written"]), markup=False, soft_wrap=True)
+    else:
+        console.print(f"written: {options.out}", markup=False)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -19,10 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.children import start_together
 from hdagen.control import Controller, Guard, Safe
+from hdagen.machine import describe_machine
+from hdagen.opening import find_builds
 from hdagen.plant import Arm, Array, PlantError, load
 from hdagen.readings import mechanical
 
+ROBOT = "paper"  # of which the bars are
 PERIOD = 1e6  # ns, of a loop at 1 kHz
 WHO = ("native", "portable", "casadi_c", "interpreter")
 STEP, SECONDS, CURRENT, FREQUENCY = 5e-4, 3.0, 2.0, 1.0  # of the accuracy runs: 0.105 N m at Table I's motors, 1 Hz
@@ -77,12 +79,14 @@ class Bench:
         return any(bar.spread[1] - bar.spread[0] > NOISY * bar.reached for bar in ratios)
 
 
-def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
-    """Measure; ``stage`` is told what begins. Raises PlantError where a build fails."""
+def bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> Bench:
+    """Measure; ``stage`` is told what begins. Of another robot than `ROBOT` the times alone: the bars are of that one.
+    Raises PlantError where a build fails."""
+    machine = describe_machine()  # how busy it was before
     stage("building")
-    native, portable = load("paper", profile="native"), load("paper")
+    native = load(robot, profile="native")
     stage("CasADi's interpreter and C, in turns with ours")
-    raced = _raced(rounds)
+    raced = _raced(robot, rounds)
     reached: dict[str, Array] = {}
     for name in ("rhs", "step"):
         ours = np.array(raced[name]["native"]["row"])
@@ -91,30 +95,32 @@ def bench(rounds: int, stage: Callable[[str], None]) -> Bench:
     stage("loops and calls from Python")
     loops, bars = _loops(native, rounds)
     loops |= _ticks(native, rounds)
+    timings = [_raced_timing(name, contest) for name, contest in raced.items()]
+    timings += [_timing(name, values) for name, values in loops.items()]
+    if robot != ROBOT:
+        return Bench(tuple(timings), (), machine | _compiled(native))
     stage("accuracy")
     accuracy = _accuracy(rounds)
     stage("building from nothing")
-    reached |= bars | accuracy | _builds(portable)
-    timings = [_raced_timing(name, contest) for name, contest in raced.items()]
-    timings += [_timing(name, values) for name, values in loops.items()]
-    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), _machine(native))
+    reached |= bars | accuracy | _builds(load(ROBOT))
+    return Bench(tuple(timings), _judged(reached, int(native.module.batch_width)), machine | _compiled(native))
 
 
-def _raced(rounds: int) -> dict[str, Any]:
+def _raced(robot: str, rounds: int) -> dict[str, Any]:
     """What `python -m gen time` prints: function -> contestant -> "row" and "single"."""
-    out = os.environ.get("HDAGEN_BUILD") or "build"
-    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={out}", "--", "paper")))
+    return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={find_builds()}", "--", robot)))
 
 
 def _gen(*arguments: str) -> str:
     """What a child process of gen prints. Raises PlantError with its words."""
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-P", "-m", "gen", *arguments]
-    environment = {**os.environ, "PYTHONPATH": beside}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode:
-        raise PlantError(done.stderr.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
-    return done.stdout
+    environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
+    with start_together(command, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
+        printed, said = child.communicate()
+    if child.returncode:
+        raise PlantError(said.strip() or f"`python -m gen {arguments[0]}` failed without a word.")
+    return str(printed)
 
 
 def _raced_timing(name: str, contest: dict[str, Any]) -> Timing:
@@ -144,24 +150,8 @@ def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
-def _machine(arm: Arm) -> dict[str, str]:
-    versions = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
-    versions.append(f"CasADi {importlib.metadata.version('casadi')}")
-    return {
-        "processor": _processor(),
-        "compiler": arm.manifest["compiler"],
-        "with": ", ".join(versions),
-        "batch": f"{arm.module.batch_width} lanes",
-    }
-
-
-def _processor() -> str:
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        text = ""
-    lines = (line.split(":", 1)[1].strip() for line in text.splitlines() if line.startswith("model name"))
-    return next(lines, platform.machine())
+def _compiled(arm: Arm) -> dict[str, str]:
+    return {"compiler": arm.manifest["compiler"], "lanes": str(arm.module.batch_width)}
 
 
 # -- loops ------------------------------------------------------------------------------------------------------------
@@ -171,7 +161,8 @@ def _loops(arm: Arm, rounds: int) -> tuple[dict[str, Array], dict[str, Array]]:
     """Rollouts and calls, ns a step over rounds; and the bars that rest on them."""
     many, few, h = 8 * arm.module.batch_width, STEPS // 10, arm.step_size
     x0, u = arm.rest(np.full(arm.n, 0.3)), np.zeros((STEPS, arm.nu))
-    u[:, : arm.n] = CURRENT * np.sin(np.arange(STEPS) / 20)[:, None]  # the motors slide
+    most = np.array([slot["bound"] for slot in arm.manifest["input"][: arm.n]])
+    u[:, : arm.n] = np.minimum(CURRENT, most) * np.sin(np.arange(STEPS) / 20)[:, None]  # the motors slide
     batch = np.empty((many, few + 1, arm.nx))
     starts, inputs, held = np.tile(x0, (many, 1)), np.tile(u[:few], (many, 1, 1)), np.full(few, h)
     at = np.arange(many) * (STEPS - few) // many  # lanes go over pieces of the one rollout's motion
@@ -256,17 +247,25 @@ def _tick_loop(arm: Arm, law: str) -> Callable[[], None]:
 
 def _accuracy(rounds: int) -> dict[str, Array]:
     """Largest error of a link angle over 3 s at 0.5 ms against a step forty times finer, friction smoothed at 1 rad/s;
-    and what bristles cost."""
+    and what bristles cost, stated in the robot file: what is only added to a model is slowed to its step."""
     plain = load("paper_table1", profile="native")
-    bristles = load("paper_table1", profile="native", effects=("presliding_friction",))
+    with tempfile.TemporaryDirectory() as folder:
+        bristles = load(_bristly(Path(folder) / "bristles.toml", plain.n), profile="native")
     for arm in (plain, bristles):
         arm.parameters.update({f"friction_smoothing_{j}": 1.0 for j in range(1, arm.n + 1)})
-    bristles.parameters.update({f"presliding_share_{j}": 1.0 for j in range(1, bristles.n + 1)})
     return {
         "error_without_bristles": np.array([_error(plain)]),
         "error_with_bristles": np.array([_error(bristles)]),
         "cost_with_bristles": _cost(bristles, rounds),
     }
+
+
+def _bristly(path: Path, joints: int) -> Path:
+    """The robot file of the plain model with all of its dry friction on bristles, written to ``path``."""
+    plain = Path(__file__).parents[1] / "gen" / "presets" / "paper_table1.toml"
+    effect = '[[effect]]\nname = "presliding_friction"\njoint = {}\npresliding_share = 1.0\n'
+    path.write_text("\n".join([plain.read_text(), *(effect.format(j) for j in range(1, joints + 1))]))
+    return path
 
 
 def _error(arm: Arm) -> float:

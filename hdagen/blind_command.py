@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import json
 import secrets
 import sys
 from collections.abc import Callable
@@ -48,6 +49,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: blind-<kind>)")
     p.add_argument("--keep", action="store_true", help="keep every case's logs and page")
     p.add_argument("--calibrate", type=Path, metavar="FILE", help="also write the data that a calibration is fitted to")
+    p.add_argument("--json", action="store_true", help="print blind.json, or where cases were written")
     p.add_argument("--write", type=Path, metavar="DIR", help="only write cases with their labels: for developing")
 
 
@@ -68,11 +70,19 @@ def run(options: argparse.Namespace) -> int:
             from hdagen.blind.write import write
 
             folder = write(options.write, options.kind, options.cases, seed, options.jobs, options.seconds, _progress())
-            print(f"written: {folder}, with labels.json; seed {seed}")
+            where = {"written": str(folder), "labels": "labels.json", "seed": seed}
+            print(json.dumps(where) if options.json else f"written: {folder}, with labels.json; seed {seed}")
             return DONE
         return _check(options, seed)
     except (BlindError, CalibrationError, ChildError, SealError) as error:
         print(error, file=sys.stderr)
+        return USAGE
+    except OSError as error:
+        print(
+            f"{error.filename}: cannot be written ({error.strerror}), and nothing is half-written; make room or name "
+            f"another folder, and give --seed {seed} to go on.",
+            file=sys.stderr,
+        )
         return USAGE
 
 
@@ -107,9 +117,10 @@ def _progress() -> Callable[[str], None]:
 def _check(options: argparse.Namespace, seed: str) -> int:
     from hdagen.blind import blind_page, calibrate
     from hdagen.blind.report import report, written
-    from hdagen.blind.run import BlindError, Check, check, replace
+    from hdagen.blind.run import BlindError, Check, check
     from hdagen.blind.seal import seed_hash
     from hdagen.diagnosis import calibration
+    from hdagen.whole import write_whole
 
     if options.calibrate is None and seed_hash(seed) in calibration.read().seeds:
         raise BlindError("this seed was calibrated on, so a check with it proves nothing; take another --seed.")
@@ -124,11 +135,14 @@ def _check(options: argparse.Namespace, seed: str) -> int:
     )
     rows, closed = check(asked, _progress())
     found = report(asked, closed, rows)
-    replace(asked.out / "blind.json", written(found))
+    write_whole(asked.out / "blind.json", written(found).encode())
     blind_page.write(asked.out / "blind.html", found)
     if options.calibrate is not None:
-        replace(options.calibrate, calibrate.data(rows, asked.kind, seed_hash(seed)))
-    _print(found)
+        write_whole(options.calibrate, calibrate.data(rows, asked.kind, seed_hash(seed)).encode())
+    if options.json:
+        print(written(found), end="")
+    else:
+        _print(found)
     return DONE if all(met for _, _, met in found.bars) else BAR_MISSED
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hdagen.names import list_some, shown
+from hdagen.names import list_nearest, list_some, meant, shown
 from hdagen.table import LogError, Table
 
 COUNT = "counts"  # of an encoder; needs counts_per_turn
@@ -40,7 +39,7 @@ UNITS: dict[str, dict[str, float]] = {
 WHOLE_ARM = ("time", "tip_force_x", "tip_force_y")
 RAW_UNITS = ("V", "mV", "percent", "counts")  # of anything; a scale says what one of it is
 _SHOWN = 20  # absent columns that are named
-_COMPARED, _LONGEST = 1000, 200  # names that are held against one that is not there, and their characters
+_COMPARED = 1000  # names that are held against one that is not there
 _CELSIUS_ZERO = 273.15  # K
 _NAME = re.compile(r"(?P<base>[a-z_]+?)_(?P<joint>[1-9]\d?)")
 
@@ -141,11 +140,13 @@ class ColumnMap:
             if read and read not in table.columns
         ]
         problems = [
-            f"{self.path}: [{name}] takes column {shown(read)}, not in the log{_suggest(read, table.names)}."
+            f"{self.path}: [{name}] takes column {shown(read)}, not in the log{meant(read, table.names[:_COMPARED])}."
             for name, read in absent[:_SHOWN]
         ]
-        if len(absent) > _SHOWN:
-            problems.append(f"{self.path}: {len(absent)} columns in all are not in the log.")
+        if absent:
+            more = f"{len(absent)} columns in all are not there; " if len(absent) > _SHOWN else ""
+            listed = list_nearest([read for _, read in absent], table.names, 40)
+            problems.append(f"{self.path}: {more}the log has {listed}.")
         lengths = {
             name: len(table.columns[name])
             for s in sources.values()
@@ -169,11 +170,6 @@ class ColumnMap:
         start = max((_edges(sources[n], v)[0] for n, v in converted.items()), default=0)
         stop = min((_edges(sources[n], v)[1] for n, v in converted.items()), default=rows)
         return Mapped(converted.pop("time", None), converted, start, max(start, stop), tuple(notes))
-
-
-def _suggest(name: str, names: tuple[str, ...]) -> str:
-    close = difflib.get_close_matches(name, [n for n in names[:_COMPARED] if len(n) <= _LONGEST], 1)
-    return f" (did you mean {close[0]!r}? it has: {list_some(names)})" if close else f" (it has: {list_some(names)})"
 
 
 def _factor(source: Source) -> float:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hdagen.names import list_nearest
 from hdagen.plant import Arm, Array, PlantError, is_number
 
 if TYPE_CHECKING:
@@ -125,11 +126,9 @@ class Controller:
         bounds = {g["name"]: g for g in self.described["gains"]}
         for name, value in {**gains, "period": guard.period}.items():
             if name not in wanted:
-                problems.append(f"{self.law}: no gain named {name}; there are {', '.join(wanted)}.")
+                problems.append(f"{self.law}: no gain named {name}; there are {list_nearest([name], list(wanted))}.")
             elif name == "period" and name in gains and gains[name] != guard.period:
-                problems.append(
-                    f"{self.law}: the period is the guard's, {guard.period} s; give it in Guard(period=...)."
-                )
+                problems.append(f"{self.law}: period is no gain but the guard's, {guard.period} s; leave it out.")
             elif not is_number(value) or not bounds[name]["low"] <= value <= bounds[name]["high"]:
                 b = bounds[name]
                 problems.append(
@@ -178,9 +177,12 @@ class Controller:
             problems.append(f"period_share is two numbers, shortest and longest, not {guard.period_share}.")
         joints, n = self.arm.robot["joints"], self.arm.n
         drives, limits, sensors = ([joint[part] for joint in joints] for part in ("drive", "limits", "sensor"))
-        sources = {"torque_limit": "max_current and torque_constant", "torque_rate": "limits.motor_torque_rate"}
+        sources = {
+            "torque_limit": "torque_constant and max_current in [joint.drive], or torque in [joint.limits]",
+            "torque_rate": "motor_torque_rate in [joint.limits]",
+        }
         stated = {
-            "torque_limit": [_product(d["torque_constant"], d["max_current"]) for d in drives],
+            "torque_limit": [_most(drive, limit) for drive, limit in zip(drives, limits, strict=True)],
             "torque_rate": [limit["motor_torque_rate"] for limit in limits],
             "motor_jump": [
                 _jump(limit["speed"], guard.period, drive["ratio"]["nominal"], sensor["motor_encoder_resolution"])
@@ -199,8 +201,8 @@ class Controller:
                 values += chosen
             elif given is None and name in sources:
                 problems.append(
-                    f"{name}: the robot file states no {sources[name]} for every joint; "
-                    f"give {n} values in Guard({name}=...)."
+                    f"{name}: the robot file does not state it for every joint; write {sources[name]} of each, or give "
+                    f"the guard {n} values."
                 )
             elif given is not None:  # a jump that the robot file gives is wrong only with its period, named above
                 problems.append(f"{name} takes {n} numbers, one a joint, not {given}.")
@@ -289,8 +291,13 @@ def _entries(name: str, value: ArrayLike, count: int) -> Array:
     return entries
 
 
-def _product(constant: Mapping[str, float] | None, current: float | None) -> float | None:
-    return constant["nominal"] * current if constant and current else None
+def _most(drive: Mapping[str, Any], limit: Mapping[str, Any]) -> float | None:
+    """Largest motor torque that the robot file allows, N m: the largest current's, or where the input is torque the
+    joint's."""
+    constant, current, torque = drive["torque_constant"], drive["max_current"], limit["torque"]
+    if constant is None:
+        return torque / abs(drive["ratio"]["nominal"]) if torque else None
+    return constant["nominal"] * current if current else None
 
 
 def _jump(speed: float | None, period: float, ratio: float, resolution: float) -> float:

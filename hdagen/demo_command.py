@@ -40,10 +40,12 @@ def run(options: argparse.Namespace) -> int:
     from rich.console import Console
 
     from hdagen import demo, demo_page
+    from hdagen.machine import describe_machine
     from hdagen.plant import PlantError
 
     if options.out.is_dir() or not options.out.parent.is_dir():
         raise PlantError(f"--out {options.out}: give the path of a file in a folder that exists, such as arm.html.")
+    machine = describe_machine()
     with _stages(Console(stderr=True)) as stage:
         shown = demo.show(options.profile, stage=stage)
         stage("writing the page")
@@ -52,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
         except OSError as error:
             raise PlantError(f"{options.out}: {error.strerror}; choose another place with --out.") from None
     if options.json:
-        print(json.dumps({"page": str(options.out), **demo.numbers(shown)}, indent=1))
+        print(json.dumps({"machine": machine, "page": str(options.out), **demo.numbers(shown)}, indent=1))
     else:
         _print(Console(), shown, options.out)
     return DONE if shown.holds else BAR_MISSED

@@ -50,6 +50,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--jobs", type=int, metavar="J", help="machines of a fleet at the same time (default: half the cores)"
     )
+    p.add_argument("--json", action="store_true", help="print diagnosis.json or fleet.json, with where the page is")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -81,7 +82,7 @@ def _check(options: argparse.Namespace) -> None:
 @contextmanager
 def _folder(out: Path) -> Iterator[Path]:
     """``out``, made before the work; where that fails with nothing written, it is taken away again. Raises
-    PlantError."""
+    PlantError, also where it cannot be written into."""
     from hdagen.plant import PlantError
 
     new = not out.exists()
@@ -91,6 +92,11 @@ def _folder(out: Path) -> Iterator[Path]:
         raise PlantError(f"--out {out}: cannot be made ({error.strerror}); name another folder.") from None
     try:
         yield out
+    except OSError as error:
+        raise PlantError(
+            f"--out {out}: cannot be written into ({error.strerror}), and nothing is half-written; make room or name "
+            "another folder."
+        ) from None
     finally:
         if new and not any(out.iterdir()):
             out.rmdir()
@@ -103,6 +109,7 @@ def _one(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.progress import Progress
     from hdagen.diagnosis.sentences import sentence
     from hdagen.log import check_log, read
+    from hdagen.whole import write_whole
 
     for path in (*options.logs, *(options.hold_out or ())):
         check_log(path)
@@ -115,9 +122,17 @@ def _one(options: argparse.Namespace) -> int:
         kept()
         found = diagnose(options.robot, logs, held, say)
         say("report")
-        _write(out / "diagnosis.json", json.dumps(found.content, indent=1, allow_nan=False) + "\n")
+        text = json.dumps(found.content, indent=1, allow_nan=False) + "\n"
+        write_whole(out / "diagnosis.json", text.encode())
         report.write(found, out / "report.html", _again(options, found.content))
-    print(sentence(found.content))
+    said = sentence(found.content)
+    if options.json:
+        beside = {"sentence": said, "left_out": list(found.left_out), "page": str(out / "report.html")}
+        print(json.dumps(found.content | beside, indent=1))
+        return DONE
+    print(said)
+    for failure in found.left_out:
+        print(failure)
     print(out / "report.html")
     return 0
 
@@ -128,20 +143,17 @@ def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
     mapped = f" --columns {shlex.quote(str(options.columns))}" if options.columns else ""
     held = f" --hold-out {shlex.join(map(str, options.hold_out))}" if options.hold_out else ""
     motion = shlex.quote(str((options.hold_out or options.logs)[0]))
-    digest = content["robot"].get("sha256")
+    digest = content["robot"]["identity"]
     return (
         f"    hdagen diagnose {robot} {shlex.join(map(str, options.logs))}{held}{mapped}\n"
         f"    hdagen replay {robot} {motion}{mapped} --with diagnosis.json --out predicted.parquet\n"
         f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
-        + (f"The robot file's SHA-256 is {digest}. " if digest else "")
-        + "The same input gives the same diagnosis."
+        f"The robot's identity, of its numbers alone, is {digest}. The same input gives the same diagnosis."
     )
 
 
 def _fleet(options: argparse.Namespace) -> int:
     """All machines, the table, and the page; what an interrupt leaves is written, too."""
-    from rich.console import Console
-
     from hdagen import fleet, fleet_page
 
     machines = fleet.read(options.fleet)
@@ -153,14 +165,25 @@ def _fleet(options: argparse.Namespace) -> int:
         )
         fleet.write(out / "fleet.json", fleet.summary(results))
         fleet_page.write(out / "fleet.html", options.fleet, results)
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
-    console.print(_table(results))
-    console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)
-    console.print(out / "fleet.html", soft_wrap=True)
+    if options.json:
+        print(json.dumps(fleet.summary(results) | {"page": str(out / "fleet.html")}, indent=1))
+    else:
+        _print_fleet(results, out)
     if interrupted:
         raise KeyboardInterrupt
     ended = {one.status for one in results}
     return USAGE if fleet.Status.FAILED in ended else UNUSABLE if fleet.Status.REFUSED in ended else DONE
+
+
+def _print_fleet(results: Sequence[Result], out: Path) -> None:
+    from rich.console import Console
+
+    from hdagen import fleet_page
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console.print(_table(results))
+    console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)
+    console.print(out / "fleet.html", soft_wrap=True)
 
 
 def _table(results: Sequence[Result]) -> Table:
@@ -180,10 +203,3 @@ def _table(results: Sequence[Result]) -> Table:
         took = "kept" if one.kept else f"{one.seconds:.0f}" if one.seconds else ""
         table.add_row(escape(str(name)), escape(str(said)), numbers[0], known, *numbers[1:], took)
     return table
-
-
-def _write(path: Path, text: str) -> None:
-    """Whole or not at all."""
-    beside = path.with_name(f".{path.name}.new")
-    beside.write_text(text, encoding="utf-8")
-    os.replace(beside, path)

@@ -10,7 +10,6 @@ import hashlib
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -24,12 +23,13 @@ from pathlib import Path
 from typing import Any
 
 from hdagen import __version__, columns_toml
+from hdagen.children import start_together
 from hdagen.input_file import InputFileError, read_json, read_toml
 from hdagen.log import LogError, check_log
 from hdagen.names import shown, shown_path
 from hdagen.plant import PlantError, is_number
 from hdagen.verdict import LARGEST
-from hdagen.whole import whole
+from hdagen.whole import write_whole
 
 DIAGNOSE = (sys.executable, "-P", "-m", "hdagen", "diagnose")
 SCHEMA = 1
@@ -290,29 +290,17 @@ def _ended(code: int | None, lines: list[str], folder: Path) -> tuple[Status, tu
 def _waited(command: Sequence[str], said: int, stop: threading.Event) -> int | None:
     """The exit code of ``command``, what it prints in the file ``said``; None where it was stopped or took too long.
 
-    Its own session: an interrupt from the keyboard reaches it through ``stop`` only, with all its children.
+    An interrupt from the keyboard reaches it through ``stop`` only.
     """
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH"))))
-    child = subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=said,
-        stderr=said,
-        env={**os.environ, "PYTHONPATH": beside},
-        start_new_session=True,
-    )
-    begun = time.monotonic()
-    try:
+    environment, begun = {**os.environ, "PYTHONPATH": beside}, time.monotonic()
+    with start_together(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=environment) as child:
         while not stop.is_set() and time.monotonic() - begun < _LONGEST:
             try:
-                return child.wait(_LOOK)
+                return int(child.wait(_LOOK))
             except subprocess.TimeoutExpired:
                 continue
-        return None
-    finally:
-        if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
+    return None
 
 
 def summary(results: Sequence[Result]) -> dict[str, Any]:
@@ -353,8 +341,7 @@ def _row(one: Result) -> dict[str, Any]:
 
 def write(path: Path, content: Mapping[str, Any]) -> None:
     """``content`` as JSON, whole or not at all."""
-    with whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()):
-        pass
+    write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
 def _digest(path: Path) -> str:

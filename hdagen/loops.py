@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hdagen.control import Controller
+from hdagen.names import list_nearest
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference, fitting, posture
 from hdagen.simulation import Push, Sensors, errors, forces
@@ -74,7 +75,7 @@ def _table(controller: Controller, gains: Mapping[str, ArrayLike]) -> Array:
     bounds = {gain["name"]: gain for gain in controller.described["gains"]}
     columns = {name: np.atleast_1d(np.asarray(values, float)) for name, values in gains.items()}
     problems = [
-        f"{controller.law}: no gain named {name}; there are {', '.join(bounds)}."
+        f"{controller.law}: no gain named {name}; there are {list_nearest([name], list(bounds))}."
         for name in columns
         if name not in bounds or name == "period"
     ]

@@ -60,10 +60,11 @@ def run(options: argparse.Namespace) -> int:
     return (does | {"header": _header})[asked[0]](options)
 
 
-def _keys(_: argparse.Namespace) -> int:
-    from hdagen.mpc.keys import documented
+def _keys(options: argparse.Namespace) -> int:
+    from hdagen.mpc.keys import KEYS, documented
 
-    print(documented(), end="")
+    said = json.dumps([asdict(key) for key in KEYS], indent=1) if options.json else documented().rstrip("\n")
+    print(said)
     return 0
 
 
@@ -87,8 +88,8 @@ def _explain(options: argparse.Namespace) -> int:
         raise LogError(
             [f"{out}: the page could not be written ({error.strerror}); name another with --out."]
         ) from error
-    print(verdict(record))
-    print(out)
+    said = verdict(record)
+    print(json.dumps({"sentence": said, "page": str(out)}, indent=1) if options.json else f"{said}\n{out}")
     return 0
 
 
@@ -134,7 +135,8 @@ def _header(options: argparse.Namespace) -> int:
     from hdagen.plant import load
 
     c = read(options.config) if options.config else Configuration()
-    print(MPC(load(options.robot, options.profile, mpc=c), c).header(), end="")
+    text = MPC(load(options.robot, options.profile, mpc=c), c).header()
+    print(json.dumps({"header": text}) if options.json else text.rstrip("\n"))
     return 0
 
 

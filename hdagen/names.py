@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 _LONGEST = 80  # characters of a name
+_WANTED, _COMPARED = 20, 400  # names that are held against each other
 _LONGEST_PATH = 240  # characters of a path, of which the end tells more
 
 
@@ -39,7 +40,17 @@ def list_some(names: Sequence[str], limit: int = 40) -> str:
     return listed + (f" and {len(names) - limit} more" if len(names) > limit else "")
 
 
+def list_nearest(wanted: Sequence[str], names: Sequence[str], limit: int = 12) -> str:
+    """As `list_some`, those that are most like one of the ``wanted`` first."""
+    tried = [name[:_LONGEST] for name in wanted[:_WANTED]]
+
+    def likeness(name: str) -> float:
+        return max((difflib.SequenceMatcher(None, one, name[:_LONGEST]).ratio() for one in tried), default=0.0)
+
+    return list_some([*sorted(names[:_COMPARED], key=likeness, reverse=True), *names[_COMPARED:]], limit)
+
+
 def meant(name: str, possible: Iterable[str]) -> str:
     """The most similar of ``possible`` as the end of a clause, with a space before it; empty if none is."""
-    near = difflib.get_close_matches(name[:_LONGEST], list(possible), n=1)
-    return f" (did you mean {near[0]}?)" if near else ""
+    near = difflib.get_close_matches(name[:_LONGEST], [one for one in possible if len(one) <= _LONGEST], n=1)
+    return f" (did you mean {printable(near[0])}?)" if near else ""

@@ -6,19 +6,24 @@ import hashlib
 import importlib.util
 import json
 import os
+import signal
 import subprocess
 import sys
 import sysconfig
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from hdagen.children import start_together
 from hdagen.names import printable
+from hdagen.ownership import find_other_writer
 
 SCHEMA = 1
 PROFILES = ("portable", "native")
 LONGEST = 4096  # bytes of a path
+PATIENCE = 5.0  # s, that an interrupted build has to put its things away
 MOST_LINES = 200  # of what is said
 
 
@@ -45,22 +50,84 @@ class Structured(Protocol):
 def folder_of(
     robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: Structured | None = None
 ) -> Path:
-    """The folder of a robot's build: the one named, or one made by a child process, after ``mpc`` has been found to
-    fit the robot. Raises PlantError."""
+    """The folder of a robot's build, made by a child process where it is not there yet, after ``mpc`` has been found
+    to fit the robot. Raises PlantError."""
     name = os.fspath(robot)
     if not name or "\0" in name or len(name) > LONGEST:
         raise PlantError(f"{name[:40]!r} names no robot; give a preset, a robot.toml, or the folder of a build.")
     if (Path(name) / "manifest.json").is_file():
-        return Path(name)
+        raise PlantError(
+            f"{name}: found the folder of a build, possible are a preset or a robot.toml; a build's compiled code is "
+            "run only where that is asked for: hdagen.Arm(folder) in Python, --built in `hdagen simulate` and "
+            "`hdagen replay`."
+        )
     if profile not in PROFILES:
         raise PlantError(f"no profile named {profile}; there are {', '.join(PROFILES)}.")
     if isinstance(effects, str):
         raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
-    folder = Path(out or os.environ.get("HDAGEN_BUILD") or "build")
+    folder = find_builds(out)
+    _refuse_others(folder)
     if mpc and (problems := mpc.refusals(json.loads("\n".join(_gen("describe", "--", name))))):
         raise PlantError("\n".join(problems))
     wanted = [f"--effects={','.join(effects)}", f"--mpc={mpc.structure if mpc else ''}"]
     return Path(_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+
+
+def find_builds(out: str | Path | None = None) -> Path:
+    """The folder where builds lie.
+
+    Args:
+        out: The folder that was asked for, if any.
+
+    Returns:
+        ``out``, else $HDAGEN_BUILD, else ./build where it is there, else ``hdagen`` in the user's cache
+        ($XDG_CACHE_HOME or ~/.cache), which is made with mode 0700.
+
+    Raises:
+        PlantError: The cache cannot be found or made.
+
+    """
+    if named := out or os.environ.get("HDAGEN_BUILD"):
+        return Path(named)
+    if os.path.lexists("build"):
+        return Path("build")
+    try:
+        caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        folder = (caches if caches.is_absolute() else Path.home() / ".cache") / "hdagen"
+        _make_private(folder)
+    except (OSError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise PlantError(
+            f"~/.cache/hdagen: the folder for builds cannot be made ({why}); name a folder in $HDAGEN_BUILD."
+        ) from None
+    return folder
+
+
+def _make_private(folder: Path) -> None:
+    """Make a folder, and those above it that are missing, for this user alone."""
+    if not folder.is_dir():
+        _make_private(folder.parent)
+        folder.mkdir(mode=0o700, exist_ok=True)
+
+
+def _refuse_others(path: Path) -> None:
+    """Raises PlantError where another user could have written ``path``."""
+    try:
+        why = find_other_writer(path)
+    except (OSError, RuntimeError) as error:
+        why = f"it cannot be looked at ({getattr(error, 'strerror', None) or error})"
+    if why:
+        raise PlantError(
+            f"{path}: compiled code is not run from there, for {why}; possible is what only you and root may write, "
+            "all the way up: take the right from others (chmod go-w), or name a folder of your own in $HDAGEN_BUILD."
+        )
+
+
+def mended(robot: Path) -> tuple[float, tuple[float, ...]]:
+    """The step, s, and the widths of smooth friction by joint, rad/s, with which a robot.toml can be built: its own
+    where those will do. Raises PlantError where anything else is wrong with the file."""
+    said = json.loads("\n".join(_gen("mend", "--", os.fspath(robot))))
+    return said["step"], tuple(said["friction_smoothing"])
 
 
 def _gen(*arguments: str) -> list[str]:
@@ -68,16 +135,30 @@ def _gen(*arguments: str) -> list[str]:
     command = [sys.executable, "-P", "-m", "gen", *arguments]
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
     # what it prints goes to a file: two pipes of which only one is read can each wait for the other
-    with tempfile.TemporaryFile("w+") as printed:
-        with subprocess.Popen(
-            command, stdout=printed, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": beside}
-        ) as child:
-            assert child.stderr is not None
-            said = []
-            for line in child.stderr:
+    with (
+        tempfile.TemporaryFile("w+") as printed,
+        start_together(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=printed,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            env={**os.environ, "PYTHONPATH": beside},
+        ) as child,
+    ):
+        said = []
+        try:
+            for line in child.stderr or ():
                 said.append(line.rstrip())
                 if line.startswith("building"):
                     print(line.rstrip(), file=sys.stderr, flush=True)
+            child.wait()
+        except KeyboardInterrupt:
+            child.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(PATIENCE)
+            raise
         printed.seek(0)
         lines = printed.read().splitlines()
     if child.returncode or not lines:
@@ -94,8 +175,10 @@ def opened(folder: Path) -> tuple[dict[str, Any], Any]:
     """The manifest and the module of a build, after every check that keeps a foreign or damaged library out of the
     process."""
     again = remedy(folder)
+    _refuse_others(folder / "manifest.json")
+    own = folder.resolve()  # what was looked at, whatever becomes of a symbolic link
     try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        manifest = json.loads((own / "manifest.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise PlantError(f"{folder}: manifest.json cannot be read ({error}); {again}") from None
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
@@ -103,15 +186,16 @@ def opened(folder: Path) -> tuple[dict[str, Any], Any]:
     rest = {key: value for key, value in manifest.items() if key != "seal"}
     if manifest.get("seal") != hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest():
         raise PlantError(f"{folder}: the manifest is not as it was written; {again}")
-    build = folder.resolve().name.rpartition("-")[2]
+    build = own.name.rpartition("-")[2]
     files = manifest.get("files")
     name = manifest.get("library")
     if manifest.get("build") != build or name != f"hda_{build}.so" or not isinstance(files, dict) or name not in files:
         raise PlantError(f"{folder}: the manifest does not belong to this folder; {again}")
     for file, digest in files.items():
-        path = folder / file
+        path = own / file
         if Path(file).name != file or not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
             raise PlantError(f"{folder}: {file} is missing or not what was built; {again}")
+    _refuse_others(own / name)
     missing = [flag for flag in manifest.get("cpu", ()) if flag not in _cpu_flags()]
     if missing:
         raise PlantError(
@@ -119,7 +203,7 @@ def opened(folder: Path) -> tuple[dict[str, Any], Any]:
         )
     if sysconfig.get_config_var("Py_GIL_DISABLED"):
         raise PlantError("free-threaded Python has another binary interface than builds; start the ordinary one.")
-    spec = importlib.util.spec_from_file_location("hda", folder / name)
+    spec = importlib.util.spec_from_file_location("hda", own / name)
     assert spec is not None and spec.loader is not None
     try:
         module = importlib.util.module_from_spec(spec)

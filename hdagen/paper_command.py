@@ -52,8 +52,9 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.plant import PlantError
 
     if options.names == ["list"]:
-        for figure in FIGURES:
-            print(f"{figure.name:10} {figure.title}")
+        titles = {figure.name: figure.title for figure in FIGURES}
+        lines = [f"{name:10} {title}" for name, title in titles.items()]
+        print(json.dumps(titles, indent=1, ensure_ascii=False) if options.json else "\n".join(lines))
         return DONE
     figures = named(options.names)
     if options.out.exists() and not options.out.is_dir():
@@ -86,12 +87,11 @@ def _whole(out: Path, contents: list[dict[str, Any]]) -> None:
     """The page of all figures, and results.json."""
     from hdagen.paper import document, page, store
     from hdagen.plant import PlantError
-    from hdagen.whole import whole
+    from hdagen.whole import write_whole
 
     try:
         page.write(out, contents, store.sections(out, [content["name"] for content in contents]))
-        with whole(out / "results.json", document.results(contents).encode()):
-            pass
+        write_whole(out / "results.json", document.results(contents).encode())
     except OSError as error:
         raise PlantError(f"{out}: {error.strerror}; choose another place with --out.") from None
 

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hdagen.given import is_number
+from hdagen.names import list_nearest
 from hdagen.opening import PlantError
 
 if TYPE_CHECKING:
-    from hdagen.plant import Arm
+    from hdagen.plant import Arm, Array
 
 
 class UnknownParameter(PlantError, KeyError):
@@ -87,6 +88,15 @@ class Parameters(MutableMapping[str, float]):
             p[self._found(name)] = value
         self._arm._prepare(p)
 
+    def place(self, name: str) -> int:
+        """Where a parameter stands in p. Raises UnknownParameter."""
+        return self._found(name)
+
+    def within(self, p: Array) -> Array:
+        """``p`` (np), each of its values moved to the nearest within the parameter's bounds."""
+        low, high = np.array([(q.low, q.high) for q in self.described.values()]).T
+        return np.clip(p, low, high)
+
     def reset(self) -> None:
         """Back to the robot file's values."""
         self._arm._prepare(np.array([q.nominal for q in self.described.values()]))
@@ -102,5 +112,7 @@ class Parameters(MutableMapping[str, float]):
 
     def _found(self, name: str) -> int:
         if name not in self._place:
-            raise UnknownParameter(f"no parameter named {name}; there are {', '.join(self.described)}.")
+            raise UnknownParameter(
+                f"no parameter named {name}; there are {list_nearest([name], list(self.described))}."
+            )
         return self._place[name]

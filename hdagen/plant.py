@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdagen.carried import Carried
 from hdagen.given import Array, finite, is_number, of_rows, vector
+from hdagen.names import list_nearest
 from hdagen.opening import PlantError, Structured, folder_of, opened, remedy
 from hdagen.parameters import Parameter, Parameters, UnknownParameter
 
@@ -45,14 +46,15 @@ class StepJacobians:
 
 
 class Arm:
-    """A loaded arm. x, u and p are ordered as ``state_names``, ``input_names`` and ``parameters`` say; units are SI.
+    """An arm, loaded from the folder of a build. x, u and p are ordered as ``state_names``, ``input_names`` and
+    ``parameters`` say; units are SI.
 
     ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. Threads may share an arm
     whose parameters none of them sets: nothing else changes it, and `at` makes one with other parameters.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = folder = Path(folder)
         self.manifest, self.module = opened(folder)
         try:
             self._read()
@@ -97,10 +99,8 @@ class Arm:
         for names in (self.state_names, self.input_names):
             if name in names:
                 return names.index(name)
-        raise PlantError(
-            f"no state or input named {name}; states: {', '.join(self.state_names)}; "
-            f"inputs: {', '.join(self.input_names)}."
-        )
+        every = [*self.state_names, *self.input_names]
+        raise PlantError(f"no state or input named {name}; there are {list_nearest([name], every)}.")
 
     # -- functions --------------------------------------------------------------------------------------------------
 
@@ -111,7 +111,7 @@ class Arm:
         c is the arm's own unless given. Returns every output, (k,) or (N, k). PlantError for wrong names or lengths.
         """
         if name not in self._shapes:
-            raise PlantError(f"no function named {name}; there are {', '.join(self._shapes)}.")
+            raise PlantError(f"no function named {name}; there are {list_nearest([name], list(self._shapes))}.")
         ins, outs = self._shapes[name]
         given: dict[str, Any] = {"c": self.c, **inputs} if any(a == "c" for a, _ in ins) else dict(inputs)
         if set(given) != {a for a, _ in ins}:
@@ -283,6 +283,11 @@ class Arm:
         return Carried.of(self)
 
     @property
+    def _memory_step(self) -> float:
+        """The step that the memories of effects are prepared for, s; inf where none is slowed to one."""
+        return self.parameters.get("memory_step", math.inf)
+
+    @property
     def stable_step(self) -> float:
         """The robot file's step, or the shorter one that springs and walls as the parameters say allow, s."""
         return self._most(None)
@@ -293,7 +298,7 @@ class Arm:
 
     def _most(self, most: float | None) -> float:
         """The longest step of a rollout with the parameters at hand, s."""
-        return min(self._size(most), self.carried.longest(self.p))
+        return min(self._size(most), self.carried.longest(self.p), self._memory_step)
 
     def _size(self, h: float | None) -> float:
         size = self.step_size if h is None else h
@@ -309,10 +314,10 @@ def load(
     out: str | Path | None = None,
     mpc: Structured | None = None,
 ) -> Arm:
-    """The arm of a preset, a robot.toml, or a folder that `python -m gen build` made.
+    """The arm of a preset or a robot.toml; `Arm` loads the folder of a build.
 
     A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
-    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build); ``mpc``, a configuration of the
-    predictive controller, adds it to the library. Raises PlantError.
+    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build if it is there, else the user's cache);
+    ``mpc``, a configuration of the predictive controller, adds it to the library. Raises PlantError.
     """
     return Arm(folder_of(robot, profile, effects, out, mpc))

@@ -2,15 +2,15 @@
 
 What triage finds and can name as lines of a columns.toml is done (degrees, milliamperes, wrapped encoders, a measured
 input logged in the wrong row); rows without a value, or with a current that no drive gives, are taken out; dropped rows
-stay gaps, at which `segments` cuts. Everything else that would mislead a diagnosis is refused with what to record, and
-so is a log that holds another one's recording. A time skew is no mistake but a finding: the diagnosis has it among its
-candidates.
+stay gaps, at which `segments` cuts; what two logs share counts once. Everything else that would mislead a diagnosis is
+refused with what to record, and so is a log that holds hardly anything but another one's recording. A time skew is no
+mistake but a finding: the diagnosis has it among its candidates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,13 @@ from typing import Any
 import numpy as np
 
 from hdagen import columns_toml
+from hdagen.channels import describe
 from hdagen.columns import split_name
 from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
+from hdagen.shared_motion import POSITIONS, Mask, fresh_rows, shared_motion
 from hdagen.stretches import stretches
-from hdagen.suspicion import against_model
+from hdagen.suspicion import against_model, drift
 from hdagen.suspicion.finding import Finding, Severity, in_words
 from hdagen.suspicion.misread import misread
 from hdagen.table import Table
@@ -30,18 +32,15 @@ from hdagen.triage import Triage, look
 
 SHORTEST = 1.0  # s
 _MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # findings whose repair leaves no choice
+_CONTRADICTED = "contradicted"  # a finding that is no more than a warning, and is repaired too
 _ROUNDS = 4  # one mistake can hide another
 _EMPTY = 0.5  # share of a column without a value from which the column is left out, not the rows
 _LOST = 0.1  # share of rows that may be missing
 _GAP = 0.01  # s without a row, over which a command cannot be taken as held
 _PERIODS = 3.5  # and at least as many periods
-_EXACT = 0.25  # of a position's noise; two recordings differ by more in most rows, even by whole counts
-_STRETCH, _ALIKE = 100, 0.9  # rows in motion that are looked for together, and the share of them that must be found
-_LOOKS = 64  # stretches of a log that are looked for in another
-_TURN = 2 * np.pi
 _NEEDED = (
     ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque"),
-    ("motor_position", "joint_position"),
+    POSITIONS,
 )
 
 
@@ -74,23 +73,53 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
         if not mended:
             break
         log = _applied(log, mended)
-        repairs += [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
+        repairs += _said(mended)
     else:
         seen = look(log, arm.robot)
     problems = [f"{log.source}: {f.sentence}" for f in findings if f.severity is Severity.REFUSE]
     problems += _too_little(log, seen)
     if problems:
         raise LogError(list(dict.fromkeys(problems)))
-    repairs += _gaps(log)
+    log, drifting = _on_one_clock(log, arm)
+    repairs += drifting + _gaps(log)
     notes = (*log.notes, *(one.sentence for one in repairs))
-    return Log(log.time, log.columns, log.n_joints, log.source, tuple(dict.fromkeys(notes))), repairs, seen
+    return replace(log, notes=tuple(dict.fromkeys(notes))), repairs, seen
 
 
-def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[list[Log], list[Log], dict[str, Any]]:
-    """The logs and hold-outs, each repaired for a diagnosis with ``arm``, and what to say of the data, for a JSON file;
-    of the channels, that is what the first log has.
+def as_measured(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """``log`` as a replay with ``arm`` can use it, and what was done: without channels that contradict another one, or
+    with those scaled where the factor is plain, and with the encoders of each joint on one clock."""
+    repairs: list[Repair] = []
+    if any("_velocity_" in name for name in log.columns):
+        found = [finding for finding in look(log, arm.robot).findings if finding.name == _CONTRADICTED]
+        log, repairs = (_applied(log, found), _said(found)) if found else (log, [])
+    log, drifting = _on_one_clock(log, arm)
+    return log, repairs + drifting
 
-    Raises LogError with the problems of all, and where two of them hold the same recording.
+
+def _on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """The log with what a joint's own encoder reads brought to its motor's clock, where the two drift apart."""
+    repairs = []
+    ratios = [joint["drive"]["ratio"]["nominal"] for joint in arm.robot["joints"]]
+    for joint, rate in drift.drifts(log, ratios).items():
+        log = drift.on_motor_clock(log, joint, rate)
+        over = 1e3 * abs(rate) * float(np.ptp(log.time))
+        ever = "ever later" if rate > 0 else "ever earlier"
+        sentence = (
+            f"joint_position_{joint} is read {ever} than motor_position_{joint}, by {over:.3g} ms over the log: two "
+            f"clocks, {1e6 * abs(rate):.3g} ppm apart. Read here on the motor's; record both on one clock."
+        )
+        repairs.append(Repair("drift", joint, sentence))
+    return log, repairs
+
+
+def prepared(
+    arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]
+) -> tuple[list[Log], list[Log], list[Mask], dict[str, Any]]:
+    """The logs and hold-outs, each repaired for a diagnosis with ``arm``; of each the rows (T) whose motion no earlier
+    one holds; and what to say of the data, for a JSON file: of the channels, that is what the first log has.
+
+    Raises LogError with the problems of all, and where one of them holds hardly anything but another one's recording.
     """
     problems: list[str] = []
     done: list[tuple[Log, list[Repair], Triage | None]] = []
@@ -101,12 +130,14 @@ def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[li
             problems += error.problems
             done.append((one, [], None))
     ready = [one for one, _, _ in done]
-    problems = _twice(ready, len(logs), [seen for _, _, seen in done]) + problems
-    if problems:
-        raise LogError(problems)
+    fresh, shared, twice = _fresh(ready, len(logs), [seen for _, _, seen in done])
+    if twice or problems:
+        raise LogError(twice + problems)
     seen = [one for _, _, one in done if one]
     of_first = seen[0].data()
-    said = {name: of_first[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
+    said = {
+        name: of_first[name] for name in ("rows", "jitter", "clock", "dropped", "gaps", "lags", "missing", "channels")
+    }
     said["skews"] = list(
         dict.fromkeys(f.sentence for one in seen[: len(logs)] for f in one.findings if f.name == "skew")
     )
@@ -114,61 +145,49 @@ def prepared(arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[li
     said["noticed"] = list(dict.fromkeys(s for one in seen for s in one.noticed))
     said["repaired"] = [
         {"log": one.source, "name": each.name, "joint": each.joint, "what": each.sentence}
-        for one, repairs, _ in done
-        for each in repairs
+        for (one, repairs, _), more in zip(done, shared, strict=True)
+        for each in (*repairs, *more)
     ]
     said["refused"] = []  # a log that is refused ends in no diagnosis
-    return ready[: len(logs)], ready[len(logs) :], said
+    return ready[: len(logs)], ready[len(logs) :], fresh, said
 
 
-def _twice(logs: Sequence[Log], fitted: int, seen: Sequence[Triage | None]) -> list[str]:
-    """What is wrong where two logs, of which the first ``fitted`` are no hold-outs, share motion: a fit that is judged
-    by the rows it was made from looks better than it is. A log that is refused has no triage."""
+def _fresh(
+    logs: Sequence[Log], fitted: int, seen: Sequence[Triage | None]
+) -> tuple[list[Mask], list[list[Repair]], list[str]]:
+    """Of each log, the first ``fitted`` of which are no hold-outs, the rows (T) whose motion no earlier one holds, what
+    to say where that is not all, and what is wrong where hardly anything is left. A log that is refused has no
+    triage."""
     noise = [{channel.name: channel.noise for channel in one.channels} if one else {} for one in seen]
-    problems = []
+    fresh, problems = [np.ones(len(log), bool) for log in logs], list[str]()
+    said: list[list[Repair]] = [[] for _ in logs]
     for (i, one), (j, two) in combinations(enumerate(logs), 2):
-        if at := _shared(one, two, noise[i]):
-            where = f"from {at[1]:.4g} s on as {one.source} has from {at[0]:.4g} s on"
+        if not (shared := shared_motion(one, two, noise[i])):
+            continue
+        fresh[j] &= fresh_rows(two, shared)
+        where = f"from {shared[0].other[0]:.4g} s on as {one.source} has from {shared[0].one[0]:.4g} s on"
+        if _useful(two, fresh[j]):
+            lasts = sum(span.other[1] - span.other[0] for span in shared)
+            sentence = f"{two.source}: {lasts:.3g} s are the same motion, {where}: these rows count once, there."
+            said[j].append(Repair("shared", 0, sentence))
+        elif i < fitted <= j:
             problems.append(
                 f"{two.source}: the hold-out is the log itself or a part of it, with the same motion {where}: give "
                 "another motion."
-                if i < fitted <= j
-                else f"{two.source}: the same motion {where}; leave one of them out."
             )
-    return problems
+        else:
+            problems.append(f"{two.source}: the same motion {where}; leave one of them out.")
+    return fresh, said, problems
 
 
-@np.errstate(invalid="ignore")  # a log that is refused may hold anything
-def _shared(log: Log, other: Log, noise: Mapping[str, float]) -> tuple[float, float] | None:
-    """Where two logs hold one recording, whole, cut or thinned: a time, s, in each; None where they do not.
-
-    Stretches of the log with fewer rows a second are looked for in the other one: rows that have, after the same times,
-    the same measured positions to a part of their ``noise``, whole turns apart. Two recordings of one motion differ in
-    most rows in motion; at rest counts can be equal, so only rows beside a change count.
-    """
-    if log.period > other.period:
-        return at[::-1] if (at := _shared(other, log, noise)) else None
-    names = [name for name in log.columns if (split_name(name) or ("", 0))[0] in _NEEDED[1] and name in other]
-    if not names:
-        return None
-    ours, theirs = (np.stack([one[name] for name in names]) for one in (log, other))
-    near = _EXACT * np.array([[noise.get(name, 0.0)] for name in names]) + 1e-9 * np.abs(ours).max(1, keepdims=True)
-    changes = np.any(np.diff(theirs) != 0, axis=0)
-    moving = np.flatnonzero(np.append(changes, False) | np.append(False, changes))
-    between = (log.time[1:] + log.time[:-1]) / 2
-    looks = np.linspace(0, max(len(moving) - _STRETCH, 0), _LOOKS).astype(int)
-    for rows in (moving[at : at + _STRETCH] for at in np.unique(looks) if moving.size):
-        first, found = rows[0], np.arange(len(log))
-        for mine, sought, within in zip(ours, theirs[:, first], near, strict=True):
-            off = mine[found] - sought
-            found = found[np.abs(off - _TURN * np.rint(off / _TURN)) <= within]
-        for part in (rows[1::10], rows[1:]):  # the few first: they leave hardly any place
-            same = np.searchsorted(between, log.time[found, None] + (other.time[part] - other.time[first]))
-            off = ours[:, same] - ours[:, found, None] - (theirs[:, part] - theirs[:, [first]])[:, None]
-            found = found[np.mean(np.all(np.abs(off) <= near[:, :, None], axis=0), axis=1) > _ALIKE]
-        if len(found):
-            return float(log.time[found[0]]), float(other.time[first])
-    return None
+def _useful(log: Log, rows: Mask) -> bool:
+    """Whether ``rows`` (T) of a log are motion of some length."""
+    lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in stretches(rows))
+    return lasts >= SHORTEST and any(
+        describe(name, values[rows]).moves
+        for name, values in log.columns.items()
+        if (split_name(name) or ("", 0))[0] in POSITIONS
+    )
 
 
 def segments(time: np.ndarray) -> list[tuple[int, int]]:
@@ -211,10 +230,16 @@ def _mendable(findings: list[Finding]) -> list[Finding]:
     """The findings whose repair leaves no choice, one a column: several things can tell the same mistake."""
     found: dict[str, Finding] = {}
     for finding in findings:
-        if finding.severity is Severity.REFUSE and finding.name in _MENDED and finding.repair:
+        refused = finding.severity is Severity.REFUSE and finding.name in _MENDED
+        if finding.repair and (refused or finding.name == _CONTRADICTED):
             for column in finding.repair:
                 found.setdefault(column if column != "ignore" else finding.sentence, finding)
     return list(dict.fromkeys(found.values()))
+
+
+def _said(mended: list[Finding]) -> list[Repair]:
+    """What was done to mend them."""
+    return [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
 
 
 def _applied(log: Log, mended: list[Finding]) -> Log:
@@ -228,9 +253,8 @@ def _applied(log: Log, mended: list[Finding]) -> Log:
                 tables.setdefault(column, {}).update(table)
     mapping = columns_toml.check(tables, Path("columns.toml"))
     mapped = mapping.apply(Table({"time": log.time, **log.columns}, ("time", *log.columns), None, ()))
-    rows = slice(mapped.start, mapped.stop)
-    columns = {name: np.ascontiguousarray(values[rows]) for name, values in mapped.columns.items()}
-    return Log(log.time[rows], columns, log.n_joints, log.source, log.notes)
+    whole = replace(log, columns=mapped.columns).rows(mapped.start, mapped.stop)
+    return replace(whole, columns={name: np.ascontiguousarray(values) for name, values in whole.columns.items()})
 
 
 def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
@@ -247,7 +271,7 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     for name in columns:
         bad |= missing[name]
     if not bad.any():
-        return (Log(log.time, columns, log.n_joints, log.source, log.notes) if empty else log), repairs
+        return (replace(log, columns=columns) if empty else log), repairs
     first, after = stretches(bad).T
     lengths = after - first
     where = ", ".join(name for name in columns if missing[name].any())
@@ -257,11 +281,9 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     )
     if np.mean(bad) > _LOST or np.count_nonzero(~bad) < 2:
         raise LogError([f"{log.source}: {says}: too many; record with a logger that keeps up, or cut the log there."])
-    kept = ~bad
     sentence = f"{says}: these rows are taken out, and long runs cut the log; record with a logger that keeps up."
     repairs.append(Repair("missing", 0, sentence))
-    columns = {name: values[kept] for name, values in columns.items()}
-    return Log(log.time[kept], columns, log.n_joints, log.source, log.notes), repairs
+    return replace(log, columns=columns).taken(~bad), repairs
 
 
 def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
@@ -276,8 +298,7 @@ def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
         )
     taken = "these rows are taken out; look at what the logger wrote there."
     repairs = [Repair(one.name, one.joint, f"{one.sentence}: {taken}") for one in found]
-    columns = {name: values[~bad] for name, values in log.columns.items()}
-    return Log(log.time[~bad], columns, log.n_joints, log.source, log.notes), repairs
+    return log.taken(~bad), repairs
 
 
 def _too_little(log: Log, seen: Triage) -> list[str]:

@@ -14,15 +14,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdagen import late, verdict
+from hdagen.between_rows import between_rows
 from hdagen.channels import describe
+from hdagen.clock import clock_noise
 from hdagen.kalman import estimate
 from hdagen.log import Log, LogError, parts
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import Readings, Rows, encoder_noise, mechanical, memories, within
 
 WINDOW = 0.25  # s
+LEAST = 1e-3  # multiples of the noise, below which an error counts as this
 INPUTS = ("command", "measured")
 _ROUNDING = 1e-9  # of a window: a row that lies a rounding error before a boundary starts the next one
 _FIRST = 0.01  # s of rows that tell whether a log begins in motion
@@ -40,7 +44,7 @@ class Replay:
     deviation of the channel's noise; ``relative``: error as a share of the measurement's own root mean square.
     ``starts``: first rows of the windows. ``beyond_law``: rows in which a torsion lay beyond the spring law. ``notes``:
     what a reader must know, in sentences. ``guessed``: first rows of the windows that begin at rest though the log is
-    in motion there.
+    in motion there. ``inputs``: the measured channels that drove the model, in which it cannot err.
     """
 
     columns: dict[str, Array]
@@ -52,12 +56,35 @@ class Replay:
     beyond_law: int
     notes: tuple[str, ...]
     guessed: tuple[int, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> list[str]:
+        """The channels that a gap is counted over: those that the model can err in and whose noise is known."""
+        return [name for name in self.errors if name not in self.inputs and self.noise.get(name)]
 
     @property
     def gap(self) -> float:
-        """Geometric mean over the channels of error in multiples of noise."""
-        multiples = [max(self.errors[name] / self.noise[name], 1e-3) for name in self.errors if self.noise[name]]
-        return math.exp(float(np.mean(np.log(multiples)))) if multiples else math.nan
+        """What `joined` gives of the errors; NaN where no channel counts."""
+        names = self.channels
+        return float(joined(np.array([self.errors[name] / self.noise[name] for name in names]))) if names else math.nan
+
+    def over(self, log: Log, rows: NDArray[np.bool_], noise: Mapping[str, float]) -> Replay:
+        """The same with the errors of the channels in ``noise`` over ``rows`` (T) of its ``log`` alone, in that noise.
+
+        Raises LogError where one of them is not logged."""
+        if lacking := [name for name in noise if name not in self.errors]:
+            raise LogError([f"{log.source}: {', '.join(lacking)} is counted and not logged; take the same log."])
+        errors = {name: _rms((self.columns[name] - log[name])[rows]) for name in noise}
+        size = {name: _rms(log[name][rows]) for name in noise}
+        relative = {name: errors[name] / size[name] for name in errors if size[name]}
+        return replace(self, errors=errors, noise=dict(noise), relative=relative)
+
+
+def joined(multiples: Array) -> Array:
+    """The gap (…): the geometric mean over the channels of errors (…, channels), root mean squares in multiples of
+    each channel's noise."""
+    return np.asarray(np.exp(np.log(np.maximum(multiples, LEAST)).mean(-1)))
 
 
 def replay(
@@ -98,7 +125,8 @@ def replay(
         states.append(x)
         shown.append(at)
     found = compare(arm, log, np.concatenate(states), np.concatenate(shown), np.concatenate(begins), notes)
-    return replace(found, guessed=tuple(guessed))
+    driving = (driving_channel(log, j, input) for j in range(1, arm.n + 1))
+    return replace(found, guessed=tuple(guessed), inputs=tuple(name for name in driving if name in found.errors))
 
 
 def check(arm: Arm, log: Log) -> None:
@@ -131,31 +159,28 @@ def window_starts(time: Array, window: float) -> Rows:
 def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
     """The inputs (T, nu), row k held from time[k] to the next row, and what there is to say about them.
 
-    A measured current in row k is what acted before it: it belongs to row k − 1. Raises LogError, PlantError.
+    A measured current that drives the model acts from row to row as `between_rows` says. Raises LogError, PlantError.
     """
     if source not in INPUTS:
         raise PlantError(f"the input is {' or '.join(INPUTS)}, not {source}.")
     inputs, notes, problems = np.zeros((len(log), arm.nu)), [], []
     for j in range(1, arm.n + 1):
-        name, values = _channel(log, j, source)
-        if name is None or values is None:
+        name = driving_channel(log, j, source)
+        if name is None:
             problems.append(f"{log.source}: joint {j} has no current or torque; log motor_current_command_{j}.")
             continue
-        wanted = "current" if arm.input_names[j - 1].startswith("motor_current") else "torque"
-        if "torque" in name and wanted == "current":
-            values = values / _constant(arm, j)
-        elif "current" in name and wanted == "torque":
+        if "current" in name and arm.input_names[j - 1].startswith("motor_torque"):
             problems.append(
                 f"{log.source}: {name} is a current and the robot file has no torque_constant for joint {j}: "
                 "state it there."
             )
             continue
-        if not name.removesuffix(f"_{j}").endswith("_command"):
-            values = np.append(values[1:], values[-1])
+        values = _in_input_unit(arm, log, j, name)
+        if not is_command(name):
+            between = between_rows(arm, log, j, values)
+            values = between.applied(values)
             if source == "command":
-                notes.append(
-                    f"No command is logged for joint {j}: {name} drives the model, taken as what acted before its row."
-                )
+                notes.append(f"No command is logged for joint {j}: {name} drives the model, {between.words}.")
         elif source == "measured":
             notes.append(f"Joint {j} has no measured current or torque: {name} drives the model.")
         inputs[:, j - 1] = values
@@ -171,28 +196,39 @@ def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
 def acted_on(arm: Arm, log: Log, inputs: Array, source: str) -> tuple[Array, Array]:
     """What acts under ``inputs`` (T, nu) as `driven_by` gives them, and what each row shows of it (T, nu each).
 
-    Commands pass through the arm's input effects, the whole log at once; what was measured acts as it is. A row shows
-    what acts at its instant: without such effects the row before.
+    Commands pass through the arm's input effects, the whole log at once; what was measured acts as it is, and shows
+    itself. A row shows what acts at its instant: without such effects the row before.
     """
     acting, first, n = inputs.copy(), _before(arm, log, inputs[:1]), arm.n
     shown = np.concatenate([first, inputs[:-1]])
+    names = [driving_channel(log, j, source) or "" for j in range(1, n + 1)]
     if arm.staged:
         dt = np.append(np.diff(log.time), log.period)
         mean, at = arm.acting(inputs[:, :n], dt, first[0, :n])
-        names = [_channel(log, j, source)[0] or "" for j in range(1, n + 1)]
-        commanded = [j for j, name in enumerate(names) if "_command_" in name]
+        commanded = [j for j, name in enumerate(names) if is_command(name)]
         acting[:, commanded], shown[:, commanded] = mean[:, commanded], at[:, commanded]
+    for j, name in enumerate(names, 1):
+        if name and not is_command(name):
+            shown[:, j - 1] = _in_input_unit(arm, log, j, name)
     return acting, shown
 
 
-def _channel(log: Log, j: int, source: str) -> tuple[str | None, Array | None]:
-    """The logged current or torque of joint j that is wanted, else the other one."""
+def driving_channel(log: Log, j: int, source: str) -> str | None:
+    """The logged current or torque of joint j that is wanted ("command" or "measured"), else the other one."""
     kinds = ("_command", "") if source == "command" else ("", "_command")
-    for kind in kinds:
-        for quantity in ("motor_current", "motor_torque"):
-            if f"{quantity}{kind}_{j}" in log:
-                return f"{quantity}{kind}_{j}", log[f"{quantity}{kind}_{j}"]
-    return None, None
+    names = (f"{quantity}{kind}_{j}" for kind in kinds for quantity in ("motor_current", "motor_torque"))
+    return next((name for name in names if name in log), None)
+
+
+def is_command(name: str) -> bool:
+    """Whether a channel is what was commanded, not what was measured."""
+    return "_command_" in name
+
+
+def _in_input_unit(arm: Arm, log: Log, j: int, name: str) -> Array:
+    """A logged current or torque (T,) as the input of joint j."""
+    is_torque = "torque" in name and arm.input_names[j - 1].startswith("motor_current")
+    return log[name] / _constant(arm, j) if is_torque else log[name]
 
 
 def _limit(arm: Arm, j: int, name: str, current: Array) -> list[str]:
@@ -275,7 +311,7 @@ def _moves(log: Log, readings: Readings) -> str | None:
 def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes: list[str]) -> Replay:
     """The replay that ``states`` (T, nx) are, with what acts at each row ``shown`` (T, nu), against the measured."""
     seen = late.read(arm, log.time, states, shown)
-    columns = {"time": log.time}
+    columns = {"time": log.logged_time}
     for j in range(1, arm.n + 1):
         columns |= _input_column(arm, log, j, shown[:, j - 1])
         columns[f"motor_position_{j}"] = np.ascontiguousarray(seen["motor_position"][:, j - 1])
@@ -290,7 +326,7 @@ def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes
         columns=columns,
         states=states,
         errors=errors,
-        noise={name: _noise(arm, name, values) for name, values in measured.items()},
+        noise={name: channel_noise(arm, log, name) for name in measured},
         relative={name: errors[name] / size[name] for name in errors if size[name]},
         starts=starts,
         beyond_law=beyond,
@@ -322,15 +358,31 @@ def _constant(arm: Arm, j: int) -> float:
     return arm.parameters.described[f"torque_constant_{j}"].nominal
 
 
-def _noise(arm: Arm, name: str, values: Array) -> float:
-    """Standard deviation of a channel's noise: as the robot file states, else as the channel shows."""
+def channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_] | slice = slice(None)) -> float:
+    """Standard deviation of a channel's noise: as the robot file states, with what the clock leaves uncertain at the
+    speeds of ``rows``; else as the channel shows there."""
+    known = _stated_noise(arm, name)
+    instants = _rms(instants_noise(arm, log, name)[rows])
+    return math.hypot(known, instants) if known else describe(name, log[name][rows]).noise
+
+
+def instants_noise(arm: Arm, log: Log, name: str) -> Array:
+    """What the log's clock leaves uncertain of each value (T,) of a channel: of positions whose sensor's noise is
+    stated; elsewhere the noise that a channel shows has it within."""
+    if not name.rpartition("_")[0].endswith("position") or not _stated_noise(arm, name):
+        return np.zeros(len(log))
+    return clock_noise(log.time, log[name], log.time_uncertainty)
+
+
+def _stated_noise(arm: Arm, name: str) -> float:
+    """Standard deviation of a channel's noise as the robot file states; 0 where it states none."""
     quantity, _, j = name.rpartition("_")
-    stated = arm.robot["joints"][int(j) - 1]["sensor"]
-    side = quantity.split("_")[0]
-    known = encoder_noise(stated, side) if quantity.endswith("position") else stated["current_noise"]
+    sensor = arm.robot["joints"][int(j) - 1]["sensor"]
+    if quantity.endswith("position"):
+        return encoder_noise(sensor, quantity.split("_")[0])
     if quantity == "motor_torque":  # which stands for a current, whose noise the robot file states, or is the input
-        known = 0.0 if name in arm.input_names else known * _constant(arm, int(j))
-    return float(known or describe(name, values).noise)
+        return 0.0 if name in arm.input_names else float(sensor["current_noise"] * _constant(arm, int(j)))
+    return float(sensor["current_noise"])
 
 
 def _rms(values: Array) -> float:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from hdagen.log import Log
     from hdagen.plant import Arm, Array
     from hdagen.replay import Replay
+    from hdagen.verdict import Verdict
 
 EXAMPLE = """example:
   hdagen replay robot.toml log.parquet --out predicted.parquet
@@ -35,6 +36,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", help="a preset or a robot.toml")
+    p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
     p.add_argument("log", type=Path, metavar="LOG", help=".csv, .parquet or .mat")
     p.add_argument("--columns", type=Path, metavar="columns.toml", help="names, units and signs of a foreign log")
     p.add_argument(
@@ -43,6 +45,12 @@ def add_parser(commands: Any) -> None:
         dest="with_",
         metavar="diagnosis.json",
         help="add the effects and parameters of its verdict",
+    )
+    p.add_argument(
+        "--rows-of",
+        type=Path,
+        metavar="diagnosis.json",
+        help="count the rows, channels and noise that its gap counts: LOG is one that it held out",
     )
     p.add_argument(
         "--window", type=float, metavar="S", help="length of a window (default: 0.25 s; in closed loop the whole log)"
@@ -68,21 +76,30 @@ def run(options: argparse.Namespace) -> int:
     """Replay, write, print."""
     from hdagen import verdict
     from hdagen.closed_loop import closed_loop, read_controller
+    from hdagen.diagnosis.held_out import count_rows
     from hdagen.log import LogError, read, write
-    from hdagen.plant import PlantError, load
+    from hdagen.plant import PlantError
+    from hdagen.repair import as_measured, repair
     from hdagen.replay import WINDOW, check, replay
 
     problems = _conflicts(options)
     if problems:
         raise PlantError("\n".join(problems))
     stated = verdict.read(options.with_) if options.with_ else None
+    counted = verdict.read_content(options.rows_of) if options.rows_of else None
     laws = read_controller(options.closed_loop) if options.closed_loop else None
-    measured = read(options.log, options.columns)  # before a model is compiled, which takes its time
-    arm = (
-        verdict.with_effects(options.robot, options.profile, stated) if stated else load(options.robot, options.profile)
-    )
+    measured = read(
+        options.log, options.columns, holes=counted is not None
+    )  # before a model is compiled, which takes its time
+    arm = _load(options, stated)
     check(arm, measured)
-    notes, refusals = look(arm, measured)
+    if counted is None:
+        measured, mended = as_measured(measured, arm)
+        notes, refusals = look(arm, measured)
+        notes += [one.sentence for one in mended]
+    else:  # the log as the diagnosis took it
+        (measured, _, seen), refusals = repair(measured, arm), []
+        notes = list(seen.warnings)
     if refusals:
         print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)
         return UNUSABLE
@@ -93,6 +110,8 @@ def run(options: argparse.Namespace) -> int:
         found = closed_loop(arm, measured, laws, options.window or math.inf)
     else:
         found = replay(arm, measured, options.window or WINDOW, options.input, stated)
+    if counted is not None:
+        found = count_rows(found, measured, counted, str(options.rows_of))
     force, said = _force(arm, measured, options)
     if options.out is not None:
         try:
@@ -105,11 +124,25 @@ def run(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
+    """The arm that is asked for: a build as it is, else a robot with the effects that a diagnosis has stated."""
+    from hdagen import verdict
+    from hdagen.plant import Arm, load
+
+    if options.built:
+        return Arm(options.robot)
+    return (
+        verdict.with_effects(options.robot, options.profile, stated) if stated else load(options.robot, options.profile)
+    )
+
+
 def _conflicts(options: argparse.Namespace) -> list[str]:
     """What the options say that cannot be, before anything is built."""
     from hdagen.table import unwritable
 
     problems = []
+    if options.built and options.with_ is not None:
+        problems.append("--built and --with exclude each other: a verdict needs the robot file; leave one out.")
     if options.window is not None and not options.window > 0:
         problems.append(
             f"--window {options.window:g}: a window is longer than 0 s; 0.25 is usual, inf takes the log as one."
@@ -173,6 +206,7 @@ def _print_json(
         "errors": found.errors,
         "noise": found.noise,
         "relative": found.relative,
+        "inputs": found.inputs,
         "gap": found.gap if math.isfinite(found.gap) else None,
         "force_error": None if force is None else [float(share) if math.isfinite(share) else None for share in force],
         "rows_beyond_spring_law": found.beyond_law,
@@ -198,12 +232,15 @@ def _print(
         table.add_column(heading, justify="left" if heading in ("channel", "unit") else "right")
     for name, error in found.errors.items():
         share = f"{100 * found.relative[name]:.3g} %" if name in found.relative else ""
-        multiple = f"{error / found.noise[name]:.3g} x" if found.noise[name] else ""
+        multiple = f"{error / found.noise[name]:.3g} x" if name in found.channels else ""
+        if name in found.inputs:
+            share, multiple = "", "input"
         table.add_row(name, f"{error:.4g}", _unit(arm, name), share, multiple)
     console = Console(highlight=False)
     console.print(table)
     if math.isfinite(found.gap):
-        console.print(f"gap {found.gap:.4g}: geometric mean over the channels, in multiples of noise", markup=False)
+        channels = "channels that the model can err in" if found.inputs else "channels"
+        console.print(f"gap {found.gap:.4g}: geometric mean over the {channels}, in multiples of noise", markup=False)
     if force is not None:
         said = ", ".join(f"joint {j} {100 * share:.2f} %" for j, share in enumerate(force, 1))
         console.print(f"force error of the inverse dynamics: {said}", markup=False)

@@ -17,7 +17,8 @@ from tomlkit.items import AoT, InlineTable, Table
 from hdagen.plant import Arm, PlantError
 
 _BOM = b"\xef\xbb\xbf"
-_GEAR = (  # what `catalogue` stands for
+_SHEET = ("K1", "K2", "K3", "T1", "T2", "starting_torque")  # of a data sheet, in place of `catalogue`
+_GEAR = (  # what either stands for
     "ratio",
     "flexspline_stiffness",
     "flexspline_stiffening",
@@ -26,13 +27,15 @@ _GEAR = (  # what `catalogue` stands for
     "law_torque",
     "hysteresis_loss",
 )
+SPRINGS = (*_GEAR[1:6], "torsional_damping")  # what a drive with springs has and a rigid one has not
 _FOLLOWS = {"law_torque": "flexspline_stiffening", "friction_smoothing": "ratio"}  # defaults made from another key
 _LUMPED = ("mass", "center_of_mass", "inertia")
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a number stands: ``table`` is gravity, joint, drive, or the name of an effect; joint 0 is the whole arm."""
+    """Where a number stands: ``table`` is top, gravity, joint, drive, or the name of an effect; joint 0 is the whole
+    arm."""
 
     table: str
     joint: int
@@ -41,6 +44,8 @@ class Place:
     def __str__(self) -> str:
         if self.table == "gravity":
             return f"gravity[{self.key}]"
+        if self.table == "top":
+            return self.key
         if self.table in ("joint", "drive"):
             return f"joint[{self.joint}].{'drive.' if self.table == 'drive' else ''}{self.key}"
         return f"{self.table}@{self.joint}.{self.key}"
@@ -83,7 +88,7 @@ class RobotFile:
     def holds(self, place: Place) -> bool:
         """Whether the file as it was read says the number, written or by default, and not only a table to be added."""
         stated = ((effect["name"], effect["joint"]) for effect in self._robot["effects"])
-        return place.table in ("gravity", "joint", "drive") or (place.table, place.joint) in stated
+        return place.table in ("top", "gravity", "joint", "drive") or (place.table, place.joint) in stated
 
     def put(self, place: Place, value: float, unit: str = "", share: float = 0.0) -> None:
         """Change or add a number; ``share`` is its relative standard deviation, stated where an added number of an
@@ -91,6 +96,8 @@ class RobotFile:
         if place.table == "gravity":
             entry = self._document["gravity"]
             _set(entry, int(place.key), value)
+        elif place.table == "top":
+            self._put_on_top(place.key, value, unit)
         elif place.table in ("joint", "drive"):
             self._put_key(place, value, unit)
         else:
@@ -122,9 +129,20 @@ class RobotFile:
             if "inertia_about_joint" in table and changed & {f"{key}_{joint}" for key in _LUMPED}:
                 mass, center, inertia = (wanted.parameters[f"{key}_{joint}"] for key in _LUMPED)
                 _set(table, "inertia_about_joint", inertia + mass * center**2)
+            if f"coulomb_friction_{joint}" in changed and "K1" in drive and "starting_torque" not in drive:
+                _set(drive, "starting_torque", self._quantities[f"coulomb_friction_{joint}"]["nominal"], "N m")
             for key, leader in _FOLLOWS.items():
                 if f"{leader}_{joint}" in changed and key not in drive and stated["drive"][key] is not None:
                     _set(drive, key, wanted.parameters[f"{key}_{joint}"])
+
+    def _put_on_top(self, key: str, value: float, unit: str) -> None:
+        """A key of the file's own; a new one stands behind its gravity, before the comments of the first table."""
+        if key in self._document:
+            _set(self._document, key, value)
+        else:
+            item = tomlkit.item(value)
+            item.comment(unit)
+            self._document._insert_after("gravity", key, item)  # it would go behind those comments by itself
 
     def _put_key(self, place: Place, value: float, unit: str) -> None:
         table = self._joint(place.joint)
@@ -132,17 +150,19 @@ class RobotFile:
             if place.key != "inertia" or "inertia_about_joint" not in table:  # the lumped one is settled at the end
                 _set(table, place.key, value, unit)
             return
-        if "catalogue" in table["drive"] and place.key in _GEAR:
+        if place.key in _GEAR and table["drive"].keys() & {"catalogue", *_SHEET}:
             self._spell_out(place.joint)
         _set(table["drive"], place.key, value, unit)
 
     def _spell_out(self, joint: int) -> None:
-        """The keys that `catalogue` stands for in its stead: a gear that differs is no longer the catalogue's."""
+        """The springs themselves in place of `catalogue` or of a data sheet: a gear that differs is no longer that."""
         table = self._joint(joint)
         drive, stated = table["drive"], self._robot["joints"][joint - 1]
-        gear = drive.pop("catalogue")
+        gear = {key: drive.pop(key) for key in ("catalogue", *_SHEET) if key in drive}
         if isinstance(drive, Table):
-            drive.add(tomlkit.comment(f"began as {gear} of the catalogue"))
+            sheet = ", ".join(f"{key} = {value}" for key, value in gear.items())
+            began = f"{gear['catalogue']} of the catalogue" if "catalogue" in gear else sheet
+            drive.add(tomlkit.comment(f"began as {began}"))
         for key in _GEAR:
             if key not in drive and stated["drive"][key] is not None:
                 entry = stated["drive"][key]

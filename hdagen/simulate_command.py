@@ -31,6 +31,7 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
+    p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
     p.add_argument("--controller", choices=LAWS, default="impedance_cartesian")
     p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc; see docs/mpc.md")
     p.add_argument(
@@ -79,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 
     from hdagen.control import Controller, Guard, Safe
     from hdagen.log import write
-    from hdagen.plant import PlantError, load
+    from hdagen.plant import Arm, PlantError, load
     from hdagen.simulation import Push, Sensors
     from hdagen.simulation import run as simulate
     from hdagen.table import unwritable
@@ -91,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
     if options.config:
         raise PlantError("--config is of the predictive controller; take --controller mpc, or leave it out.")
     gains = _gains(options.gain)
-    arm = load(options.robot, profile=options.profile)
+    arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile)
     damping = tuple(20 * j["drive"]["motor_inertia"]["nominal"] for j in arm.robot["joints"])  # motors stop in 1/20 s
     guard = Guard(Safe[options.safe.upper()], safe_damping=damping)
     controller = Controller(arm, options.controller, guard, gains)
@@ -135,6 +136,8 @@ def _predictive(options: argparse.Namespace) -> int:
     c = read(options.config) if options.config else Configuration()
     if options.gain:
         raise PlantError("--gain is of the other controllers; the predictive one takes --config controller.toml.")
+    if options.built:
+        raise PlantError("--built is of the other controllers; the predictive one is built for its configuration.")
     arm = load(options.robot, profile=options.profile, mpc=c)
     path = _path(options, arm, float(c["mpc.period"]))
     if c["mpc.space"] == "joint":

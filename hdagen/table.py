@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from hdagen.names import list_some, printable, shown, shown_path
+from hdagen.whole import open_whole
 
 MOST_COLUMNS = 10_000  # of a file
 MOST_CELLS = 100_000_000  # rows times columns in use: an hour of 27 columns at 1 kHz
@@ -202,7 +202,8 @@ def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
 
     arrow = pa.table(columns)
     try:
-        _replace(path, lambda file: _emit(arrow, path.suffix, file))
+        with open_whole(path) as file:
+            _emit(arrow, path.suffix, file)
     except (OSError, pa.ArrowException) as error:
         why = getattr(error, "strerror", None) or first_line(error)
         raise LogError(
@@ -220,27 +221,6 @@ def _emit(arrow: Any, suffix: str, file: BinaryIO) -> None:
 
     file.write((",".join(arrow.column_names) + "\n").encode())
     pa_csv.write_csv(arrow, file, pa_csv.WriteOptions(include_header=False))
-
-
-def _replace(path: Path, emit: Callable[[BinaryIO], None]) -> None:
-    """Put what ``emit`` writes at ``path``: a new file beside it, synced, then renamed over it."""
-    temporary = path.with_name(f".{path.name[:200]}.{secrets.token_hex(8)}")
-    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            emit(file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    if os.name == "posix":  # the rename itself must reach the disk
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def first_line(error: BaseException) -> str:

@@ -7,17 +7,22 @@ import hashlib
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
+from hdagen.identity import identity
 from hdagen.input_file import InputFileError, read_json
 from hdagen.names import printable, shown, shown_path
 from hdagen.plant import Arm, PlantError, load
 
 SCHEMA = 1
+UNTOLD = 0.9  # posterior by prior width, from which on a log said nothing of a parameter
+STILL = 0.1  # of the prior width, that such a parameter has moved at most
 REACH = 3.0  # standard deviations of its tolerance that a base parameter may move
 LEVEL = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
+COMPLIANCE = "missing_compliance"  # the effect that changes what a drive is made of
+_ROUNDING = 1e-6  # of a range, by which a number may lie beyond its ends without a word
 LARGEST = 10_000_000  # bytes of a file
 _MOST = 200  # effects of a verdict
 _EFFECT = re.compile(r"([a-z][a-z0-9_]{0,47})@(0|[1-9][0-9]?)")
@@ -34,16 +39,27 @@ class Named:
 
 
 @dataclass(frozen=True)
+class Diagnosed:
+    """The robot that was diagnosed: its ``name``, its `identity` (None: a diagnosis from before there was one), and the
+    SHA-256 of its file (None: a preset)."""
+
+    name: str
+    identity: str | None
+    sha256: str | None
+
+
+@dataclass(frozen=True)
 class Verdict:
     """``effects`` to add; ``unknown``: joints of gaps that no effect explains; ``base`` parameters by the model's names
-    (``mass_1``), without those of the effects; ``source`` for sentences; ``robot``: name of what was diagnosed, and
-    SHA-256 of its file (None: a preset); None where a diagnosis does not say."""
+    (``mass_1``), without those of the effects, with their ``widths``: standard deviation after the log and, where the
+    diagnosis states one, before; ``source`` for sentences; ``robot``: None where a diagnosis does not say."""
 
     source: str
     effects: tuple[Named, ...]
     unknown: tuple[int, ...]
     base: Mapping[str, float]
-    robot: tuple[str, str | None] | None = None
+    robot: Diagnosed | None = None
+    widths: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -87,7 +103,8 @@ def read(given: str | Path | Mapping[str, Any]) -> Verdict:
     if problems:
         raise PlantError("\n".join(problems))
     own = {name for effect in effects for name in effect.parameters}
-    return Verdict(source, tuple(effects), tuple(unknown), {k: v for k, v in base.items() if k not in own}, robot)
+    base = {name: value for name, value in base.items() if name not in own}
+    return Verdict(source, tuple(effects), tuple(unknown), base, robot, _widths(content.get("parameters", {})))
 
 
 def with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
@@ -96,7 +113,7 @@ def with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
     arm = load(robot, profile)
     _fits(arm, verdict)
     if verdict.robot is not None:
-        _same(robot, arm, verdict.source, *verdict.robot)
+        _same(robot, arm, verdict.source, verdict.robot)
     added = _absent(arm, verdict)
     if not added:
         return arm
@@ -114,28 +131,50 @@ def applied(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
         raise PlantError(
             f"{verdict.source}: the model lacks {absent}; load it with hdagen.load(robot, effects=({absent},))."
         )
-    described, values = arm.parameters.described, verdict.parameters
-    missing = [name for name in (*values, *verdict.base) if name not in described]
+    described, stated = arm.parameters.described, verdict.parameters
+    missing = [name for name in (*stated, *verdict.base) if name not in described]
     if missing:
         raise PlantError(
             f"{verdict.source}: the model has no parameter {', '.join(missing)}: the diagnosis is of another robot, or "
             "of another version."
         )
     notes = [f"unknown@{joint} has no equation: nothing is added for it." for joint in verdict.unknown]
+    values = rigid(arm, stated) | stated
     for name, value in verdict.base.items():
         q = described[name]
+        std, prior = verdict.widths.get(name, (None, None))
+        if std is not None and silent(value - q.nominal, std, prior or q.tolerance * abs(q.nominal)):
+            continue
         reach, words = REACH * q.tolerance * abs(q.nominal), f"{REACH:g} times its tolerance of {100 * q.tolerance:g} %"
         if name.startswith("gravity_") and reach < LEVEL:
             reach, words = LEVEL, f"{LEVEL:g} {q.unit} that a base may lean"
         values[name] = min(max(value, q.nominal - reach), q.nominal + reach)
         if abs(values[name] - value) > 1e-9 * max(abs(q.nominal), abs(value)):
             notes.append(f"{name}: {value:.6g} {q.unit} lies beyond {words} and is taken as {values[name]:.6g}.")
+    for name, value in values.items():
+        q = described[name]
+        values[name] = min(max(value, q.low), q.high)
+        if abs(values[name] - value) > _ROUNDING * (q.high - q.low):
+            span = f"[{q.low:g}, {q.high:g}]"
+            notes.append(f"{name}: {value:.6g} {q.unit} is not within {span} and is taken as {values[name]:.6g}.")
     changed = arm.at(arm.p)
-    try:
-        changed.parameters.update(values)
-    except PlantError as error:
-        raise PlantError("\n".join(f"{verdict.source}: {line}" for line in str(error).split("\n"))) from None
+    changed.parameters.update(values)
     return changed, notes
+
+
+def silent(moved: float, std: float, prior: float) -> bool:
+    """Whether a log said nothing of a base parameter: its width ``std`` is as before (``prior``), and it ``moved`` next
+    to nothing. One that moved stays moved, although its width is: the log may tell it together with others."""
+    return prior > 0.0 and std >= UNTOLD * prior and abs(moved) <= STILL * prior
+
+
+def rigid(arm: Arm, stated: Mapping[str, float]) -> dict[str, float]:
+    """Of drives that the robot file calls rigid and the model gives a spring, its compliance where none is ``stated``:
+    the least there is."""
+    described = arm.parameters.described.values()
+    free = (q for q in described if q.effect == COMPLIANCE and q.role == "amplitude" and q.name not in stated)
+    absent = {effect["joint"] for effect in arm.robot["effects"] if effect["name"] == COMPLIANCE}
+    return {q.name: q.low for q in free if q.joint not in absent}
 
 
 def _fits(arm: Arm, verdict: Verdict) -> None:
@@ -149,37 +188,53 @@ def _fits(arm: Arm, verdict: Verdict) -> None:
         )
 
 
-def _robot(stated: Any, source: str, problems: list[str]) -> tuple[str, str | None] | None:
-    """Name and SHA-256 of what was diagnosed."""
+def _robot(stated: Any, source: str, problems: list[str]) -> Diagnosed | None:
+    """What was diagnosed."""
     if isinstance(stated, Mapping):
-        name, digest = stated.get("name"), stated.get("sha256", 0)
-        if isinstance(name, str) and isinstance(digest, str | None):
-            return name, digest
+        name, same, digest = stated.get("name"), stated.get("identity"), stated.get("sha256", 0)
+        if isinstance(name, str) and isinstance(same, str | None) and isinstance(digest, str | None):
+            return Diagnosed(name, same, digest)
     if stated is not None:
         problems.append(f"{source}, robot: possible is an object with name and sha256; diagnose again.")
     return None
 
 
-def _same(robot: str | Path, arm: Arm, source: str, name: str, digest: str | None) -> None:
-    """Refuses a ``robot`` that is not the one of this name, or whose file is not the one that was diagnosed."""
-    if name != arm.robot["name"]:
+def _same(robot: str | Path, arm: Arm, source: str, diagnosed: Diagnosed) -> None:
+    """Refuses a ``robot`` whose numbers are not those that were diagnosed; where a diagnosis knows no more of them than
+    the bytes of their file, one of another name or of other bytes."""
+    name, own = diagnosed.name, arm.robot["name"]
+    if diagnosed.identity == identity(arm.robot):
+        return
+    if name != own:
         raise PlantError(
-            f"{source}: the diagnosis is of the robot {name!r:.90}, {robot} is of {arm.robot['name']!r:.90}; name the "
+            f"{source}: the diagnosis is of the robot {name!r:.90}, {robot} is of {own!r:.90}; name the "
             "file that was diagnosed."
         )
-    file = Path(robot)
-    if file.is_file() and digest != hashlib.sha256(file.read_bytes()).hexdigest():
+    if diagnosed.identity is not None:
         raise PlantError(
-            f"{source}: {robot} is not the file that was diagnosed, or has changed since (its SHA-256 is another); "
-            "name the file as it was, or diagnose again."
+            f"{source}: {robot} is not the robot that was diagnosed, or has changed since: its gravity, a link, a "
+            "drive or an effect has another number or tolerance; name the file as it was, or diagnose again."
+        )
+    file = Path(robot)
+    if file.is_file() and diagnosed.sha256 != hashlib.sha256(file.read_bytes()).hexdigest():
+        raise PlantError(
+            f"{source}: is of an older version and knows its robot file by its bytes alone (SHA-256), and {robot} has "
+            "others, be it in a comment; name the file as it was, or diagnose again."
         )
 
 
 def _absent(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
-    """The verdict's effects whose equation the model lacks; one that frees parameters it has needs none."""
+    """The verdict's effects whose equation the model lacks, with the joint where they change the drive itself; one that
+    frees parameters it has needs none."""
     present = {effect["name"] for effect in arm.manifest["effects"]}
     known = set(arm.parameters.described)
-    return tuple(sorted({e.name for e in verdict.effects if e.name not in present and set(e.parameters) - known}))
+    lacking = [e for e in verdict.effects if set(e.parameters) - known]
+    return tuple(
+        sorted(
+            {f"{COMPLIANCE}@{e.joint}" for e in lacking if e.name == COMPLIANCE}
+            | {e.name for e in lacking if e.name != COMPLIANCE and e.name not in present}
+        )
+    )
 
 
 def read_content(path: Path) -> Mapping[str, Any]:
@@ -243,6 +298,20 @@ def _numbers(values: Any, where: str, suffix: str, problems: list[str]) -> dict[
         else:
             found[name + suffix] = float(value)
     return found
+
+
+def _widths(parameters: Mapping[str, Any]) -> dict[str, tuple[float, float | None]]:
+    """Standard deviations of the parameters that have one, after the log and before."""
+    found = {}
+    for name, entry in parameters.items():
+        std, prior = (entry.get(key) if isinstance(entry, Mapping) else None for key in ("std", "prior"))
+        if _is_width(std):
+            found[name] = std, prior if _is_width(prior) else None
+    return found
+
+
+def _is_width(value: Any) -> TypeGuard[float]:
+    return not isinstance(value, bool) and isinstance(value, int | float) and _finite(value) and value >= 0
 
 
 def _finite(value: float) -> bool:

@@ -2,29 +2,111 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
+import re
 import secrets
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
+
+_PART = re.compile(r"\..*\.part-[0-9a-f]{16}(\.\w*)?")  # the name of a file that is being written
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Args:
+        path: Its place, in a folder that is there.
+        content: What it is to hold.
+
+    Raises:
+        OSError: It cannot be written; what stood there is unchanged, and nothing is left beside it.
+
+    """
+    with open_whole(path) as file:
+        file.write(content)
 
 
 @contextmanager
-def whole(path: Path, content: bytes) -> Iterator[Path]:
-    """A new file beside ``path`` that holds ``content`` and takes its place when the block ends without an error.
+def open_whole(path: Path) -> Iterator[BinaryIO]:
+    """A new file beside ``path`` that takes its place when the block ends without an error.
 
-    What the block is given may be read and checked, and has the suffix of ``path``. Raises OSError; what stood at
-    ``path`` is then unchanged, and nothing is left beside it.
+    It stands under the name ``file.name``, with the suffix of ``path``, and may be read there once it is flushed. It is
+    locked until it is complete; what has no lock was left by a process that was killed, and is removed.
+
+    Args:
+        path: Its place, in a folder that is there.
+
+    Yields:
+        The file, to be written.
+
+    Raises:
+        OSError: It cannot be written, or at its place is something else than a file; what stood there is unchanged, and
+            nothing is left beside it.
+
     """
-    temporary = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(8)}{path.suffix}")
-    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    if path.exists() and not path.is_file():
+        code = errno.EISDIR if path.is_dir() else errno.EINVAL
+        raise OSError(code, os.strerror(code) if path.is_dir() else "it is no regular file", str(path))
+    folder = path.absolute().parent
+    _remove_abandoned(folder)
+    handle = os.open(folder, os.O_RDONLY)  # before anything is written, so that a rename is not followed by an error
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        yield temporary
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+        with _create_beside(path) as file:
+            try:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+                os.replace(file.name, path)
+            except BaseException:
+                Path(file.name).unlink(missing_ok=True)
+                raise
+        os.fsync(handle)  # the rename itself must reach the disk
+    except OSError as error:
+        if error.filename is None or is_part(Path(error.filename)):
+            error.filename = str(path)
         raise
+    finally:
+        os.close(handle)
+
+
+def is_part(path: Path) -> bool:
+    """Whether a path is what stands beside a file while that is written, or after a kill."""
+    return _PART.fullmatch(path.name) is not None
+
+
+def _create_beside(path: Path) -> BinaryIO:
+    """A new file, locked; one that was taken for an abandoned one before its lock was there is made again."""
+    while True:
+        name = path.with_name(f".{path.stem[:40]}.part-{secrets.token_hex(8)}{path.suffix[:20]}")
+        file = name.open("xb")
+        if not _locks(file.fileno()) or os.fstat(file.fileno()).st_nlink:
+            return file
+        file.close()
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what killed processes of this user left half-written in a folder: parts that nobody holds locked."""
+    with suppress(OSError):  # a folder that cannot be listed
+        for part in filter(is_part, folder.iterdir()):
+            with suppress(OSError):  # another process was faster
+                handle = os.open(part, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+                try:
+                    found = os.fstat(handle)
+                    if stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid() and _locks(handle):
+                        part.unlink()
+                finally:
+                    os.close(handle)
+
+
+def _locks(handle: int) -> bool:
+    """Whether the lock of an open file could be had; not where another process has it, or the disk knows no locks."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import signal
-from collections.abc import Callable
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in items:
             if "campaign" in item.keywords:
                 item.add_marker(pytest.mark.skip(reason="a campaign; run it with --campaign"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A cache of the session's own for what tests build on first use; workers share it."""
+    out = tmp_path_factory.getbasetemp()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str((out.parent if "PYTEST_XDIST_WORKER" in os.environ else out) / "cache"))
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -90,3 +101,26 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no logs: neither $HDAGEN_DATA nor {DATA} is a folder")
     return folder
+
+
+@pytest.fixture
+def mount(tmp_path: Path) -> Iterator[Callable[..., Path]]:
+    """mount(options, place=…) -> a file system of its own; skips where this user may mount none."""
+    made: list[Path] = []
+
+    def mounted(options: str, place: Path | None = None) -> Path:
+        folder = place or tmp_path / f"mount_{len(made)}"
+        folder.mkdir()
+        if shutil.which("mount") is None:
+            pytest.skip("there is no mount to make a small file system with")
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)], capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            pytest.skip(f"needs the right to mount a file system of its own: {done.stderr.strip()}")
+        made.append(folder)
+        return folder
+
+    yield mounted
+    for folder in made:
+        subprocess.run(["umount", str(folder)], check=True)

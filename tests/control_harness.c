@@ -1,14 +1,15 @@
-/* The controller from C: null pointers, refused configurations, memory in refused ticks, and 2e4 hostile ticks a law under a
- * count of allocations. Prints one line of what went wrong and returns 1, or prints the number of ticks. */
+/* The controller from C: null pointers, refused configurations, memory in refused ticks, and hostile ticks of every law under a count of
+ * allocations, each in any floating-point environment beside the same in the default one. Prints one line of what went wrong and returns 1, or prints the number of ticks. */
+#define _GNU_SOURCE /* feenableexcept */
 #include <math.h>
 #include <string.h>
 
 #include "harness.h"
 #include "hda_control.h"
 
-enum { TICKS = 20000 };
+#define APART __attribute__((noinline))
 
-static hda_controller k, before;
+static hda_controller k, before, plain;
 
 /* A number that nobody would send: any bits, or one of the famous ones. */
 static double hostile(void) {
@@ -78,12 +79,40 @@ static void refusals(int law, const double *p, const double *gains, const hda_gu
     DEMAND(memcmp(&k, &before, sizeof k) == 0);
 }
 
-static void storm(const hda_guard_config *config, int reference_count) {
+APART static int tick_anywhere(double now, const hda_measurement *m, const double *reference, double *torque) {
+    const environment entered = enter_any_environment();
+    const int status = hda_controller_tick(&k, now, m, reference, torque);
+    leave_environment(entered);
+    return status;
+}
+
+APART static int watch_anywhere(double now, double *torque) {
+    const environment entered = enter_any_environment();
+    const int status = hda_guard_watchdog(&k.guard, now, torque);
+    leave_environment(entered);
+    return status;
+}
+
+APART static int recover_anywhere(double now, const hda_measurement *m) {
+    const environment entered = enter_any_environment();
+    const int status = hda_controller_recover(&k, now, m);
+    leave_environment(entered);
+    return status;
+}
+
+APART static int configure_anywhere(int law, const double *p, const double *gains, const hda_guard_config *config) {
+    const environment entered = enter_any_environment();
+    const int status = hda_controller_configure(&k, law, p, gains, config);
+    leave_environment(entered);
+    return status;
+}
+
+static void storm(const hda_guard_config *config, int reference_count, long count) {
     hda_measurement m = {0};
-    double reference[HDA_REFERENCE_MOST] = {0}, torque[HDA_N], last[HDA_N] = {0}, now = 1;
-    int refused = 0, ran = 0, recovered = 0;
+    double reference[HDA_REFERENCE_MOST] = {0}, torque[HDA_N], same[HDA_N], last[HDA_N] = {0}, now = 1;
+    long refused = 0, ran = 0, recovered = 0;
     const long start = allocations;
-    for (int i = 0; i < TICKS; i++) {
+    for (long i = 0; i < count; i++) {
         now += config->period * (bits() % 2000 ? 1 : 3 * uniform() - 0.5);
         m.stamp = bits() % 50 ? now : m.stamp;
         for (int j = 0; j < HDA_N; j++) {
@@ -96,9 +125,13 @@ static void storm(const hda_guard_config *config, int reference_count) {
         if (bits() % 2000 == 0) ((double *)&given)[bits() % (sizeof m / sizeof(double))] = hostile();
         if (bits() % 2000 == 0) reference[bits() % (uint64_t)reference_count] = hostile();
         const int was = k.started;
+        const double told = bits() % 3000 ? now : hostile();
         memcpy(before.state, k.state, sizeof k.state);
         for (int j = 0; j < HDA_N; j++) torque[j] = NAN;
-        const int status = hda_controller_tick(&k, bits() % 3000 ? now : hostile(), &given, reference, torque);
+        memcpy(&plain, &k, sizeof k);
+        const int status = tick_anywhere(told, &given, reference, torque);
+        DEMAND(hda_controller_tick(&plain, told, &given, reference, same) == status);
+        DEMAND(memcmp(torque, same, sizeof same) == 0 && memcmp(&plain, &k, sizeof k) == 0);
         for (int j = 0; j < HDA_N; j++) {
             const double step = config->torque_rate[j] * config->period * (1 + 1e-12);
             DEMAND(hda_finite(torque[j]) && fabs(torque[j]) <= config->torque_limit[j]);
@@ -112,13 +145,13 @@ static void storm(const hda_guard_config *config, int reference_count) {
             hda_fault fault;
             hda_guard_read(&k.guard, &fault);
             m.stamp = now + 1e-5;
-            if (hda_controller_recover(&k, now + 1e-5, &m) == 0) {
+            if (recover_anywhere(m.stamp, &m) == 0) {
                 DEMAND(!k.started);
                 recovered++;
             }
         }
         if (bits() % 2000 == 0) {
-            const int seen = hda_guard_watchdog(&k.guard, now + (bits() % 2 ? 0 : 1), torque);
+            const int seen = watch_anywhere(bits() % 2 ? now : bits() % 2 ? now + 1 : hostile(), torque);
             for (int j = 0; j < HDA_N; j++) {
                 DEMAND(hda_finite(torque[j]) && fabs(torque[j] - last[j]) <= config->torque_rate[j] * config->period * (1 + 1e-12));
                 last[j] = torque[j];
@@ -127,17 +160,18 @@ static void storm(const hda_guard_config *config, int reference_count) {
         }
     }
     DEMAND(allocations == start);
-    DEMAND(refused > TICKS / 10 && ran > TICKS / 10 && recovered > 5); /* all of it happened */
+    DEMAND(refused > count / 20 && ran > count / 20 && recovered > 5); /* all of it happened */
 }
 
 #define COUNTS(name, gains, reference, memory) {gains, reference},
 
-/* argv: the file of p, then each law's gains in the order of hda_laws.h, as doubles */
+/* argv: the file of p, then each law's gains in the order of hda_laws.h, as doubles; ticks of each law */
 int main(int argc, char **argv) {
     static const int counts[][2] = {HDA_LAW_LIST(COUNTS)};
     const int laws = (int)(sizeof counts / sizeof *counts);
     static double p[HDA_NP], gains[HDA_GAINS_MOST];
-    FILE *file = argc > 1 ? fopen(argv[1], "rb") : NULL;
+    FILE *file = argc > 2 ? fopen(argv[1], "rb") : NULL;
+    const long count = argc > 2 ? atol(argv[2]) : 0;
     const hda_guard_config config = legal(1e-3);
     DEMAND(file && fread(p, sizeof *p, HDA_NP, file) == HDA_NP);
     for (int law = 0; law < laws; law++) {
@@ -145,10 +179,11 @@ int main(int argc, char **argv) {
         memset(&k, 0, sizeof k);
         nulls(p, gains, &config);
         refusals(law, p, gains, &config, counts[law][0]);
-        storm(&config, counts[law][1]);
+        DEMAND(configure_anywhere(law, p, gains, &config) == 0);
+        storm(&config, counts[law][1], count);
     }
     fclose(file);
     for (int status = -400; status <= 20; status++) DEMAND(strlen(hda_controller_sentence(status)) > 10);
-    printf("%d\n", laws * TICKS);
+    printf("%ld\n", laws * count);
     return 0;
 }

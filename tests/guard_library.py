@@ -15,7 +15,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 TEMPLATES = ROOT / "gen" / "templates"
 HARNESS = ROOT / "tests" / "guard_harness.c"
-SOURCES = tuple(TEMPLATES / f"{name}.c" for name in ("hda_limit", "hda_guard", "hda_guard_config"))
+SOURCES = tuple(TEMPLATES / f"{name}.c" for name in ("hda_limit", "hda_guard", "hda_guard_calls", "hda_guard_config"))
 HEADER = (TEMPLATES / "hda_guard.h").read_text(encoding="ascii")
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Wstrict-prototypes"]
 STRICT = ["-std=c99", "-O2", "-ffp-contract=off", *WARNINGS, "-Werror"]

@@ -1,5 +1,6 @@
-/* The predictive controller from C under a count of allocations: hostile ticks, then adversarial problems for the solvers. Prints one line of what
- * went wrong and returns 1, or prints what it did. Arguments: ticks, problems. */
+/* The predictive controller from C under a count of allocations: hostile ticks, each in any floating-point environment beside the same in the
+ * default one, then adversarial problems for the solvers. Prints one line of what went wrong and returns 1, or prints what it did. Arguments: ticks, problems. */
+#define _GNU_SOURCE /* feenableexcept */
 #include <math.h>
 #include <string.h>
 
@@ -7,16 +8,42 @@
 #include "hda_mpc.h"
 #include "mpc_settings.h"
 
+#define APART __attribute__((noinline))
+
 enum { SPARSE = 200 }; /* iterations of OSQP */
 
-static hda_mpc k;
+static hda_mpc k, plain;
 static hda_mpc_qp qp;
 static hda_mpc_solution solution;
 static hda_mpc_work work;
 
 static double hostile(void) {
     static const double famous[] = {NAN, INFINITY, -INFINITY, 1e308, -1e308, 5e-324, 1e16, -1e20};
-    return famous[bits() % 8];
+    const uint64_t any = bits();
+    double out;
+    memcpy(&out, &any, sizeof out);
+    return bits() % 2 ? out : famous[bits() % 8];
+}
+
+APART static int tick_anywhere(double now, const hda_measurement *m, const double *path, double *torque) {
+    const environment entered = enter_any_environment();
+    const int status = hda_mpc_tick(&k, now, m, path, torque);
+    leave_environment(entered);
+    return status;
+}
+
+APART static void prepare_anywhere(void) {
+    const environment entered = enter_any_environment();
+    hda_mpc_prepare(&k);
+    hda_mpc_say(&k);
+    leave_environment(entered);
+}
+
+APART static int recover_anywhere(double now, const hda_measurement *m) {
+    const environment entered = enter_any_environment();
+    const int status = hda_mpc_recover(&k, now, m);
+    leave_environment(entered);
+    return status;
 }
 
 static hda_guard_config guard(void) {
@@ -35,8 +62,8 @@ static void ticks(long count) {
     const hda_guard_config config = guard();
     hda_mpc_settings settings;
     hda_measurement m = {0};
-    double torque[HDA_N], last[HDA_N] = {0}, now = 0.0;
-    long good = 0, refused = 0;
+    double torque[HDA_N], same[HDA_N], last[HDA_N] = {0}, now = 0.0;
+    long good = 0, refused = 0, recovered = 0;
     memcpy(&settings, mpc_settings, sizeof settings);
     DEMAND(hda_mpc_configure(&k, p, &settings, &config) == 0);
     for (int j = 0; j < HDA_N; j++) m.joint_position[j] = 0.5, m.motor_position[j] = 0.5 * mpc_ratio[j];
@@ -51,8 +78,12 @@ static void ticks(long count) {
         if (bits() % 300 == 0) ((double *)&given)[bits() % (sizeof given / sizeof(double))] = hostile();
         if (bits() % 300 == 0) path[bits() % HDA_MPC_PATH] = hostile();
         m.stamp = given.stamp;
-        const int status = hda_mpc_tick(&k, now, &given, path, torque);
-        if (bits() % 3) hda_mpc_prepare(&k);
+        const double told = bits() % 1000 ? now : hostile();
+        memcpy(&plain, &k, sizeof k);
+        const int status = tick_anywhere(told, &given, path, torque);
+        DEMAND(hda_mpc_tick(&plain, told, &given, path, same) == status);
+        DEMAND(memcmp(torque, same, sizeof same) == 0 && memcmp(&plain, &k, sizeof k) == 0);
+        if (bits() % 3) prepare_anywhere();
         for (int j = 0; j < HDA_N; j++) {
             DEMAND(isfinite(torque[j]) && fabs(torque[j]) <= config.torque_limit[j]);
             DEMAND(fabs(torque[j] - last[j]) <= config.torque_rate[j] * config.period * (1.0 + 1e-9));
@@ -69,10 +100,10 @@ static void ticks(long count) {
             hda_guard_read(&k.guard, &fault);
             fresh.stamp = now + 1e-9;
             m.stamp = fresh.stamp;
-            hda_mpc_recover(&k, now, &fresh);
+            recovered += recover_anywhere(now, &fresh) == 0;
         }
     }
-    DEMAND(good > count / 20 && refused > 0);
+    DEMAND(good > count / 20 && refused > 0 && recovered > count / 1000);
 }
 
 /* A problem of a given kind of malice: 0 plain, then degenerate, huge, tiny, singular, crossed bounds, not a number, contradictory, unstable. */
@@ -136,7 +167,7 @@ int main(int argc, char **argv) {
     const long count = argc > 1 ? atol(argv[1]) : 1000, many = argc > 2 ? atol(argv[2]) : 1000;
     const long before = allocations;
     void *own = malloc(10);
-    DEMAND(own && allocations == before + 1); /* the count works */
+    DEMAND(own && allocations == before + COUNTED); /* the count works */
     free(own);
     const long begun = allocations;
     ticks(count);

@@ -16,6 +16,7 @@ from gen.build import assembled
 from gen.build import build as make
 from gen.robot import load as describe
 from hdagen import bench, bench_command
+from hdagen.__main__ import main
 from hdagen.plant import PlantError, load
 
 BARS = tomllib.loads((Path(bench.__file__).parent / "bars.toml").read_text())
@@ -62,7 +63,7 @@ def test_a_bar_without_a_figure_is_not_passed_over() -> None:
 def test_a_missed_bar_is_exit_code_1(
     share: float, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def measured(rounds: int, stage: Callable[[str], None]) -> bench.Bench:
+    def measured(rounds: int, stage: Callable[[str], None], robot: str) -> bench.Bench:
         stage(f"{rounds} rounds")
         one = bench._timing("rollout", [3.0, 1.0, 2.0])
         contest = {who: {"row": [3.0, 1.0, 2.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in bench.WHO}
@@ -70,15 +71,32 @@ def test_a_missed_bar_is_exit_code_1(
         return bench.Bench((one, two), bench._judged(figures(share), 8), {"processor": "one"})
 
     monkeypatch.setattr(bench, "bench", measured)
-    assert bench_command.run(argparse.Namespace(quick=True, json=True, mpc=False)) == code
+    assert bench_command.run(argparse.Namespace(quick=True, json=True, mpc=False, robot="paper")) == code
     said = json.loads(capsys.readouterr().out)
     assert {bar["name"] for bar in said["bars"]} == set(BARS)
     assert [t["row"] for t in said["timings"]] == [2.0, 2.0]
     assert said["timings"][1]["against"] == dict.fromkeys(bench.WHO, 2.0)
-    assert bench_command.run(argparse.Namespace(quick=True, json=False, mpc=False)) == code
+    assert bench_command.run(argparse.Namespace(quick=True, json=False, mpc=False, robot="paper")) == code
     printed = capsys.readouterr().out
     assert ("missed" in printed) == bool(code)
     assert "rhs" in printed
+
+
+def test_of_another_robot_there_are_times_and_no_bars(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    contest = {who: {"row": [3.0], "single": [1.0, 2.0, 3.0, 4.0]} for who in bench.WHO}
+    asked = []
+    monkeypatch.setattr(bench, "_raced", lambda robot, rounds: asked.append(robot) or {"rhs": contest, "step": contest})
+    monkeypatch.setenv("HDAGEN_BUILD", str(tmp_path))
+    monkeypatch.setattr(bench, "STEPS", 50)
+    found = bench.bench(1, lambda words: None, "emps")
+    assert asked == ["emps"] and found.bars == ()
+    assert {"rhs", "arm.rollout"} <= {t.name for t in found.timings}
+    monkeypatch.setattr(bench, "bench", lambda rounds, stage, robot: found)
+    assert main(["bench", "emps", "--quick"]) == 0
+    assert "bars are of paper alone" in capsys.readouterr().out
+    assert main(["bench", "emps", "--mpc"]) == 2
 
 
 def test_a_noisy_run_is_called_so() -> None:
@@ -158,6 +176,14 @@ def test_loops_fill_every_bar_that_rests_on_them(tmp_path: Path) -> None:
 def test_ticks_of_every_controller_run_without_a_fault(tmp_path: Path) -> None:
     arm = load("paper_table1", out=tmp_path)
     assert len(bench._ticks(arm, rounds=1)) == len(arm.manifest["controllers"]) == 5
+
+
+def test_bristles_of_the_robot_file_are_integrated_within_the_bar(tmp_path: Path) -> None:
+    """They have the L-stable step, of which the bar and what it costs speak."""
+    arm = load(bench._bristly(tmp_path / "bristles.toml", 2), out=tmp_path)
+    assert arm.manifest["stiff"] and "memory_step" not in arm.parameters
+    assert [arm.parameters[f"presliding_share_{j}"] for j in (1, 2)] == [1.0, 1.0]
+    assert bench._error(arm) <= BARS["error_with_bristles"]["bar"]
 
 
 @pytest.mark.campaign

@@ -16,12 +16,13 @@ from typing import Any
 import chromium
 import numpy as np
 import pytest
+from hostile_names import NAME, check_escaped
 
 from hdagen.blind import blind_page, calibrate, rates, seal
 from hdagen.blind.compared import COMPARED, compare
 from hdagen.blind.figures import mean, median, rate
 from hdagen.blind.report import report, written
-from hdagen.blind.run import Check, gap
+from hdagen.blind.run import Check, _claim, gap
 from hdagen.blind.score import Row, alike, bins, confusion, coverage, judged, summary
 from hdagen.blind.sizes import SIZES
 from hdagen.diagnosis import calibration
@@ -48,7 +49,7 @@ def diagnosis(verdict: list[str], p: float, place: str = "motor", **more: Any) -
         "schema": 1,
         "verdict": verdict,
         "sure": p > 0.9,
-        "gap": {"before": 9.0, "after": 3.0, "achievable": 4.0, "shrink": 0.75},
+        "gap": {"before": 9.0, "after": 3.0, "flexible": 4.0, "shrink": 0.75},
         "where": [{"joint": 1, "place": place, "share": 1.0, "when": ""}],
         "causes": causes,
         "hypotheses": [{"effects": verdict, "probability": p if verdict else 1.0}, *rest],
@@ -99,7 +100,7 @@ def test_a_right_verdict_scores_everywhere() -> None:
     assert found["calibration_error"].value == pytest.approx(0.1) and found["failed"].value == 0.0
     assert found["closed"].value == pytest.approx(7 / 8) and found["worse"].value == 0.0
     assert found["achieved"].value == pytest.approx(6 / 5)  # 9 to 3, a flexible correction to 4
-    nothing = diagnosis(["payload@2"], 0.9) | {"gap": {"before": 1.2, "after": 1.1, "achievable": 1.0}}
+    nothing = diagnosis(["payload@2"], 0.9) | {"gap": {"before": 1.2, "after": 1.1, "flexible": 1.0}}
     assert "achieved" not in summary([row(["payload@2"], nothing), row([], diagnosis([], 1.0))])
 
 
@@ -391,6 +392,20 @@ def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
     blind_page.write(tmp_path / "blind.html", found)
     text = (tmp_path / "blind.html").read_text()
     assert "abab" in text and "<b>no</b>" not in text and text.count("<figure") >= 3
+
+
+def test_what_a_kill_left_of_the_seal_is_no_other_check(tmp_path: Path) -> None:
+    (tmp_path / ".seal.part-0123456789abcdef.json").write_text('{"seal": "ab')
+    _claim(Check("single", 1, "s", 1, 10.0, tmp_path), seal.Seal("ab" * 32, 1))
+    assert [path.name for path in tmp_path.iterdir()] == ["seal.json"]
+
+
+def test_names_that_are_html_are_text(tmp_path: Path) -> None:
+    rows = [replace(row, name=f"{row.name} {NAME}", failed=row.failed and NAME) for row in _many("single")]
+    blind_page.write(
+        tmp_path / "x.html", report(Check("single", 24, NAME, 2, 10.0, Path(NAME)), seal.Seal(NAME, 24), rows)
+    )
+    check_escaped((tmp_path / "x.html").read_text(), 2)
 
 
 @pytest.mark.parametrize("kind", ["single", "none", "pair"])

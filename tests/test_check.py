@@ -17,6 +17,7 @@ from stub_compiler import stub_compiler
 from gen import build as builds
 from gen.__main__ import main
 from gen.check import report
+from gen.description import canonical
 from gen.effects import ALL, NOMINAL
 from gen.functions import assemble
 from gen.mass import mass_matrix
@@ -270,3 +271,41 @@ def test_check_of_many_joints_with_every_effect(tmp_path: Path) -> None:
     lines, fits = report(str(tmp_path / "robot.toml"), ALL_EFFECTS, out=tmp_path)
     assert fits, lines
     assert any("kinematic_error (transmission, joint 1, 2, 3)" in line for line in lines)
+
+
+WRIST = """name = "wrist"
+gravity = [0, -9.81]
+step = 0.0005
+[[joint]]
+length = 0.1
+mass = 1.0
+center_of_mass = 0.05
+inertia = 0.01
+[joint.drive]
+rigid = true
+ratio = 1
+motor_inertia = {}
+viscous_friction = 0.1
+coulomb_friction = 0.5
+friction_smoothing = 0.1
+"""
+
+
+@pytest.mark.parametrize(("rotor", "turns"), [(1e-3, True), (2e-4, True), (1e-5, False), (1e-11, False), (0, False)])
+@pytest.mark.parametrize("joints", [1, 2])
+def test_a_spring_that_is_only_looked_for_is_carried_by_the_step_that_carries_the_file(
+    tmp_path: Path, rotor: float, turns: bool, joints: int
+) -> None:
+    """A light rotor at a ratio of 1: as stiff as a drive usually is, its spring would ask for a tenth of the step."""
+    path = tmp_path / "robot.toml"
+    joint = WRIST[WRIST.index("[[joint]]") :].format(rotor)
+    path.write_text(WRIST.format(rotor) + (joints - 1) * joint)
+    robot = load(str(path))
+    assert builds.assembled(str(path), robot, ())[2].refusals("robot") == []
+    made, _, looked = builds.assembled(str(path), robot, ("missing_compliance",))
+    assert looked.refusals("robot") == []
+    model = made.graphs.model
+    assert model.flexible == (tuple(range(1, joints + 1)) if turns else ())
+    assert canonical(model.robot)["effects"] == []  # the file states none
+    for q in (q for q in model.quantities if q.effect == "missing_compliance"):
+        assert q.low <= q.nominal <= q.high, q.name

@@ -18,6 +18,7 @@ from typing import Any
 import chromium
 import numpy as np
 import pytest
+from hostile_names import NAME, check_escaped
 
 from hdagen import demo, demo_command, demo_page, demo_replay, log
 from hdagen.pages import page
@@ -112,6 +113,15 @@ def test_a_missed_bar_is_said_and_is_exit_code_1(
     assert command() == 1
     assert "The bar is missed" in capsys.readouterr().out
     assert "misses the bar" in (here / "hdagen-demo.html").read_text("utf-8")
+
+
+def test_names_that_are_html_are_text(shown: demo.Demo, tmp_path: Path) -> None:
+    (replayed,) = shown.replays
+    odd = dataclasses.replace(
+        replayed, name=NAME, notes=(NAME,), channels=tuple(dataclasses.replace(c, name=NAME) for c in replayed.channels)
+    )
+    demo_page.write(tmp_path / "page.html", dataclasses.replace(shown, replays=(odd,)))
+    check_escaped((tmp_path / "page.html").read_text(encoding="utf-8"), 3)
 
 
 # -- estimate and replay ----------------------------------------------------------------------------------------------

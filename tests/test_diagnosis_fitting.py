@@ -196,7 +196,8 @@ def test_a_tilt_is_tried_at_its_sizes_and_a_ripple_is_not() -> None:
     """Dry friction makes a small tilt no small matter; of a sine and a cosine of a known order a slope says all."""
     names = ["tilt_x", "tilt_y", "ripple_sine_1", "ripple_cosine_1", "ripple_order_1"]
     q = SimpleNamespace(low=-10.0, high=10.0)
-    arm = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(names, q)))
+    parameters = SimpleNamespace(described=dict.fromkeys(names, q), within=np.array, place=names.index)
+    arm = SimpleNamespace(parameters=parameters)
     atoms = (
         Atom("gravity_tilt", 0, "link", ("tilt_x", "tilt_y"), {}, True),
         Atom("torque_ripple", 1, "motor", ("ripple_sine_1", "ripple_cosine_1"), {"ripple_order_1": 2.0}, True),

@@ -78,7 +78,7 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
         free=lambda atoms: np.array([1]),
         theta=lambda p: np.array([3.0, 90.0]),
     )
-    described = {"mass_1": SimpleNamespace(unit="kg"), "amplitude": SimpleNamespace(unit=unit)}
+    described = {name: SimpleNamespace(name=name, unit=u) for name, u in {"mass_1": "kg", "amplitude": unit}.items()}
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
     at: Any = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
     np.testing.assert_allclose(_prior(at, (0,)), [SHARES[0], width])

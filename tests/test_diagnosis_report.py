@@ -16,6 +16,7 @@ import chromium
 import numpy as np
 import pytest
 from compiled import Compiled
+from hostile_names import NAME, check_escaped
 from replayed import FLEXIBLE, RIGID, simulated
 
 from gen.effects import ALL
@@ -112,7 +113,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
             "held_out": BLOCKS,
             "notes": ["a note <b>"],
             "warnings": ["a warning"],
-            "repaired": ["a repair"],
+            "repaired": [{"log": "log.csv", "name": "wrap", "joint": 1, "what": "a repair"}],
             "missing": ["joint_torque_1 is not logged"],
             "channels": {"motor_position_1": {"low": -1.0, "high": 1.0, "noise": 1e-3, "step": 0.0}},
             "lags": {"motor_current_1": 1e-3},
@@ -144,7 +145,14 @@ def seen(
         for name in before.errors
         if before.noise[name]
     }
-    said["gap"] = {"before": before.gap, "after": after.gap, "floor": 1.0, "achievable": 1.1, "shrink": 0.95}
+    said["gap"] = {
+        "before": before.gap,
+        "after": after.gap,
+        "floor": 1.0,
+        "flexible": 1.2,
+        "achievable": 1.1,
+        "shrink": 0.95,
+    }
     said["gap"] |= {"interval": [0.9, 0.97], "by_channel": multiples}
     sight = look(arm, said, log, before, after)
     said["where"] = where(sight, said, np.ones(len(sight.log), bool))
@@ -212,6 +220,28 @@ def test_an_unknown_gap_has_the_side_that_misses_torque(arm: Arm) -> None:
         assert pictures(sight, "unknown@2", place)
 
 
+@pytest.mark.parametrize(
+    ("entry", "values"),
+    [
+        ("cable_spring@2", {"cable_stiffness": 30.0}),
+        ("viscous_friction@2", {"viscous_friction": 1e-3}),
+        ("stiffness@2", {"stiffness_level": 0.6}),
+    ],
+)
+def test_a_picture_tells_how_far_the_effect_is_what_it_shows(arm: Arm, entry: str, values: dict[str, float]) -> None:
+    sight, said, log, before, _ = seen(arm, {entry: values}, seconds=3.0)
+    (place,) = (one["place"] for one in said["where"])
+    (shown,) = pictures(sight, entry, place)
+    right = float(re.findall(r"R² = (-?[0-9.]+)", shown)[0])
+    assert right > 0.5 and "Warning" not in shown
+    nominal = {name: arm.parameters.described[f"{name}_{entry[-1]}"].nominal for name in values}
+    quarter = {name: nominal[name] + 0.25 * (value - nominal[name]) for name, value in values.items()}
+    said = content(arm, {entry: quarter})
+    (shown,) = pictures(look(arm, said, log, before, replay(arm, log, with_=said)), entry, place)
+    assert "Warning: the log shows" in shown
+    assert float(re.findall(r"R² = (-?[0-9.]+)", shown)[0]) < right
+
+
 def test_one_encoder_a_joint_gives_the_balance_of_the_whole_joint(arm: Arm) -> None:
     entry, values = "coulomb_friction@2", {"coulomb_friction": 0.08}
     sight, said, *_ = seen(arm, {entry: values}, keep="motor|force")
@@ -269,7 +299,18 @@ def test_a_quantity_that_goes_with_nothing_is_rarely_said_to() -> None:
     assert false <= 14  # of 120; 6 are expected, and more than 14 have a chance of 1 in 1000
 
 
-@pytest.mark.parametrize("count", [2, 64, 300, 500, 501, 1000])
+def test_samples_that_are_fewer_than_what_is_fitted_tell_nothing() -> None:
+    """Each in a bin of its own would be explained in full, and so would three by a sine, a cosine and a mean."""
+    rng = np.random.default_rng(5)
+    for count in (2, 3, 8):
+        values, angle = rng.standard_normal(count), 7.0 * np.arange(count)
+        assert explained(values, [Regressor("x", "1", angle)]) == []
+        assert periodic(values, angle, [1, 2]) == []
+    shares = [explained(rng.standard_normal(10), [Regressor("x", "1", np.arange(10.0))])[0].share for _ in range(20)]
+    assert max(shares) < 0.9  # two bins
+
+
+@pytest.mark.parametrize("count", [64, 300, 500, 501, 1000])
 def test_few_samples_tell_what_they_can(count: int) -> None:
     """As many shifts as samples, none of them twice."""
     x = np.arange(float(count))
@@ -388,13 +429,25 @@ def test_every_effect_of_a_group_exists() -> None:
 # -- the page ---------------------------------------------------------------------------------------------------------
 
 
-def write(all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, path: Path) -> str:
+def write(
+    all_: tuple[Sight, dict[str, Any], Log, Replay, Replay], arm: Arm, path: Path, again: str = "    hdagen diagnose"
+) -> str:
     sight, said, log, before, after = all_
     held_out = Portion(log, blocks(log.time))
     held = SimpleNamespace(content=said, before=before, after=after, held_out=held_out)
     held.sight = sight
-    report.write(held, path, "    hdagen diagnose")  # type: ignore[arg-type]
+    report.write(held, path, again)  # type: ignore[arg-type]
     return path.read_text(encoding="utf-8")
+
+
+def test_names_that_are_html_are_text(arm: Arm, tmp_path: Path) -> None:
+    all_ = seen(arm, {"cable_spring@2": TRUTHS["cable_spring@2"][0]})
+    _, said, *_ = all_
+    said["robot"]["name"] = said["data"]["log"] = NAME
+    for kind in ("notes", "warnings", "repaired", "missing"):
+        said["data"][kind] = [f"column {NAME} is read as motor_position_1"]
+    write(all_, arm, tmp_path / "report.html", f"    hdagen diagnose {NAME} {NAME}")
+    check_escaped((tmp_path / "report.html").read_text(encoding="utf-8"), 6)
 
 
 @pytest.mark.parametrize(
@@ -505,7 +558,7 @@ def test_what_is_tolerated_and_closes_more_is_shown(arm: Arm, tmp_path: Path) ->
 
 
 def test_a_parameter_that_the_data_say_nothing_of_is_marked(arm: Arm, tmp_path: Path) -> None:
-    all_ = seen(arm, {"cable_spring@2": {"cable_stiffness": 10.0}}, base={"mass_2": 1.02})
+    all_ = seen(arm, {"cable_spring@2": {"cable_stiffness": 10.0}}, base={"mass_2": 2.502})
     q = arm.parameters.described["mass_2"]
     all_[1]["parameters"]["mass_2"]["std"] = q.tolerance * q.nominal
     page = write(all_, arm, tmp_path / "report.html")

@@ -12,7 +12,18 @@ import pytest
 from hdagen.diagnosis import standing
 from hdagen.diagnosis.decide import Decision, Hypothesis
 from hdagen.diagnosis.portion import Portion
-from hdagen.diagnosis.standing import ABOVE, MOST, _closes, borne_out, doubted, known, outsized, worst
+from hdagen.diagnosis.standing import (
+    ABOVE,
+    MOST,
+    _closes,
+    borne_out,
+    doubted,
+    known,
+    leaves_little,
+    outsized,
+    stands,
+    worst,
+)
 from hdagen.log import Log
 from hdagen.replay import Replay
 
@@ -116,6 +127,32 @@ def test_a_verdict_that_closes_nothing_where_it_is_said_to_be_is_unknown(monkeyp
     assert doubted(given, (), replay(FAR), replay(FAR), HELD, seen) == (given, None)  # none is said: it was withdrawn
 
 
+@pytest.mark.parametrize("named", [0.5, 0.99, 1.0, 1.005, 2.0])
+@pytest.mark.parametrize("based", [0.5, 1.0, 2.0])
+def test_what_is_said_never_leaves_more_than_the_robot_file(named: float, based: float) -> None:
+    """Whatever effect and base parameters leave together, and the effect alone, in shares of what there was."""
+    content: dict[str, Any] = {
+        "schema": 1,
+        "verdict": ["payload@2"],
+        "causes": [{"effect": "payload", "joint": 2, "parameters": {"payload": {"value": 1.0}}}],
+        "parameters": {"mass_1": {"value": 2.0}},
+        "sure": True,
+        "where": [],
+    }
+    plain: Any = "robot file"
+    both: Any = "all effects"
+
+    def counted(_: Any, said: Any) -> Replay:
+        return left(named * based, named * based) if said.base else left(named, named)
+
+    model, after = stands(plain, both, content, replay(FAR), HELD, left(0.1, 0.1), counted)
+    gap = content["gap"]
+    assert gap["after"] <= gap["before"] and gap["achievable"] <= min(gap["after"], gap["flexible"])
+    assert gap["after"] == pytest.approx(after.gap, rel=1e-9)
+    assert (model is both) == (content["verdict"] == ["payload@2"]) == (min(named, named * based) < 1.0)
+    assert (gap["after"] == gap["before"]) == (model is plain)
+
+
 def strange(probability: float) -> Decision:
     """Something unknown at joint 1, a payload, and none, the latter two 3 to 1."""
     fit: Any = "where it stands"
@@ -182,7 +219,7 @@ def test_of_what_long_windows_tell_more_is_unknown_where_a_regression_closes_mor
 @pytest.mark.parametrize("unseen", [None, ()])
 def test_where_no_encoder_erred_nothing_bears_out_what_is_known(unseen: tuple[str, ...] | None) -> None:
     given, near = replace(strange(0.9), unseen=unseen), replay({})
-    silent = replace(near, errors={name: 0.0 if "position" in name else error for name, error in near.errors.items()})
+    silent = replace(near, inputs=tuple(name for name in near.errors if "position" in name))
     assert borne_out(given, silent, silent, silent, HELD).unknown
 
 
@@ -231,3 +268,18 @@ def test_a_size_at_an_end_of_what_it_may_be_is_more_than_is_known(
     cause = {"effect": "joint_damping", "joint": 2, "parameters": parameters}
     other = {"effect": "joint_damping", "joint": 1, "parameters": {"torsional_damping": inner}}
     assert outsized({"verdict": verdict, "causes": [cause, other]}) == says
+
+
+@pytest.mark.parametrize(
+    ("after", "achievable", "little"),
+    [
+        (3.0, 1.0, True),  # a few times the noise
+        (40.0, 35.0, True),  # no structureless correction leaves much less
+        (40.0, 20.0, False),
+        (40.0, None, True),
+        (1550.0, 6390.0, False),  # whatever a correction leaves
+        (312.0, 396.0, False),
+    ],
+)
+def test_a_verdict_that_leaves_much_is_not_sure(after: float, achievable: float | None, little: bool) -> None:
+    assert leaves_little({"before": 6390.0, "after": after, "achievable": achievable}) == little

@@ -276,7 +276,7 @@ def test_with_hysteresis_the_loop_has_the_catalogues_width(build: Builder) -> No
 @given(some.lists(some.floats(-2e-3, 2e-3), min_size=2, max_size=6), some.floats(2e-5, 1e-3), some.floats(0.01, 10.0))
 def test_closed_paths_of_torsion_cost_energy(corners: list[float], angle: float, speed: float) -> None:
     """Once the memory has become periodic on a closed path, hysteresis has taken energy, the same at any speed."""
-    p = {"hysteresis_torque": 1.0, "hysteresis_angle": angle, "step": 1e-9}  # a memory that no step slows
+    p = {"hysteresis_torque": 1.0, "hysteresis_angle": angle, "memory_step": 1e-9}  # a memory that no step slows
     stops = np.array([*corners, corners[0]])
     lengths, signs = np.abs(np.diff(stops)), np.sign(np.diff(stops))
     assume(lengths.sum() > 0.1 * angle)

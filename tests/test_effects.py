@@ -65,7 +65,7 @@ CURVED = {"current_saturation", "voltage_sag", "backlash", "sensor_delay", "miss
 def symbols(effect: Effect) -> dict[str, tuple[Any, str]]:
     """What the equation may read, as symbols with units: signals, its states, its and the robot's parameters."""
     own = {p.name: p.unit for p in effect.parameters} | {s.name: s.unit for s in effect.states}
-    named = SIGNALS | {name: key.unit for name, key in KEYS.items()} | own | {"step": "s"}
+    named = SIGNALS | {name: key.unit for name, key in KEYS.items()} | own | {"memory_step": "s"}
     return {name: (ca.SX.sym(name), unit) for name, unit in named.items()}
 
 
@@ -91,7 +91,7 @@ def points(effect: Effect, count: int) -> Floats:
         "direction": (-1.0, 1.0),
         "ratio": (50.0, 150.0),
     }
-    bounds |= {"friction_level": (0.0, 0.1), "step": (0.0, 1e-3)}
+    bounds |= {"friction_level": (0.0, 0.1), "memory_step": (0.0, 1e-3)}
     # bounds that span decades: where the equation lives
     bounds |= {"presliding_angle": (1e-3, 0.1), "stribeck_speed": (50.0, 300.0), "saturation_inverse": (0.0, 1.0)}
     bounds |= {"voltage_sag": (0.0, 0.3), "backlash_angle": (0.0, 2e-3), "thermal_time": (1.0, 100.0)}
@@ -256,7 +256,7 @@ def test_friction_and_damping_give_no_energy(name: str) -> None:
     names = list(symbols(effect))
     values = {key: x[:, k] for k, key in enumerate(names)}
     values["direction"][:] = np.abs(values["direction"]) * np.sign(values["motor_velocity"])
-    values["step"][:] = 0.0  # a memory that is slowed stores more
+    values["memory_step"][:] = 0.0  # a memory that is slowed stores more
     taken = POWER[name](np.array(f(x.T)).T, values)
     assert taken.min() >= -1e-11 * taken.max()
     assert np.median(taken) > 0.0

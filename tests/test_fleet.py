@@ -13,10 +13,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
+from hostile_names import NAME, check_escaped
 
 from hdagen import fleet, fleet_page
 from hdagen.__main__ import main
@@ -301,12 +303,12 @@ def test_names_of_machines_are_text_and_nothing_else(asked: Callable[..., Path],
         "causes": [],
         "hypotheses": [],
     }
-    odd = Result(machine, Status.REFUSED, says=("<script>alert(1)</script> [bold]",))
-    fleet_page.write(
-        tmp_path / "page.html", Path("<b>.toml"), [odd, Result(machine, Status.DIAGNOSED, diagnosis=found)]
-    )
+    machine = replace(machine, name=f"{machine.name} {NAME}", robot=NAME, log=Path(NAME.replace("/", "")))
+    odd = Result(machine, Status.REFUSED, says=(f"{NAME} [bold]",))
+    fleet_page.write(tmp_path / "page.html", Path(NAME), [odd, Result(machine, Status.DIAGNOSED, diagnosis=found)])
     page = (tmp_path / "page.html").read_text()
-    assert "<script>alert" not in page and "&lt;script&gt;alert(1)" in page and "Prüfstand 3 - links" in page
+    check_escaped(page, 4)
+    assert "Prüfstand 3 - links" in page
     assert "an effect that is not known, at the whole arm" in page
 
 

@@ -326,7 +326,7 @@ def test_everything_wrong_with_a_log_is_said_at_once(tmp_path: Path) -> None:
 def test_the_joints_of_the_robot_must_be_those_of_the_log(tmp_path: Path) -> None:
     path = csv(tmp_path, HEADER, *rows())
     assert read(path, joints=1).n_joints == 1
-    assert all("joint 2 has no" in sentence for sentence in problems(path, joints=2))
+    assert all("joint 2 has no" in sentence for sentence in problems(path, joints=2)[:-1])
     two = csv(tmp_path, HEADER + ",motor_current_2,motor_position_2", *(r + ",0,0" for r in rows()), name="two.csv")
     assert "columns of 2 joints, the robot has 1" in one(two, joints=1)
 
@@ -346,8 +346,17 @@ def test_a_wrong_path_is_named(tmp_path: Path, name: str, says: str) -> None:
 
 
 def test_a_log_without_the_contracts_names_lists_its_own(tmp_path: Path) -> None:
-    text = "\n".join(problems(csv(tmp_path, "t,i,q", *rows())))
-    assert "there is no column time; the file has t, i, q" in text and "no column of any joint was found" in text
+    found = problems(csv(tmp_path, "t,i,q", *rows()))
+    assert "there is no column time:" in found[0] and "no column of any joint was found" in found[1]
+    assert found[2].endswith(": the file has t, i, q.") and len(found) == 3
+
+
+def test_the_columns_of_a_file_are_listed_once_the_nearest_first(tmp_path: Path) -> None:
+    names = ["speed", "flag", "torque_1", "q1", "q2", "mode", "torque_2", "motor_pos_1", "temp", "seq", "stamp"]
+    found = problems(csv(tmp_path, ",".join(names), *["0," * 10 + "0"] * 3), joints=2)
+    assert len(found) == 6 and sum("flag" in sentence for sentence in found) == 1
+    listed = found[-1].partition("the file has ")[2].rstrip(".").split(", ")
+    assert sorted(listed) == sorted(names) and set(listed[:3]) == {"motor_pos_1", "torque_1", "torque_2"}
 
 
 # Good files that look odd
@@ -700,9 +709,10 @@ def test_columns_that_are_not_in_the_log_are_all_named(tmp_path: Path) -> None:
     columns.write_text('[motor_torque_1]\nfrom = "taau"\n[motor_position_1]\nfrom = "q"\nsubtract = "zero"\n')
     path = csv(tmp_path, "time,tau,q", *rows())
     found = problems(path, columns)
-    assert len(found) == 2
-    assert "[motor_torque_1] takes column 'taau', not in the log (did you mean 'tau'?" in found[0]
-    assert "[motor_position_1] takes column 'zero', not in the log (it has: time, tau, q)" in found[1]
+    assert len(found) == 3
+    assert "[motor_torque_1] takes column 'taau', not in the log (did you mean tau?)" in found[0]
+    assert found[1].endswith("[motor_position_1] takes column 'zero', not in the log.")
+    assert found[2].endswith(": the log has tau, time, q.")
 
 
 @pytest.mark.parametrize(

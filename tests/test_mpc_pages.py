@@ -8,10 +8,12 @@ from pathlib import Path
 import chromium
 import numpy as np
 import pytest
+from hostile_names import NAME, check_escaped
 from mpc_arms import folder
 
 from hdagen.__main__ import USAGE, main
 from hdagen.log import read as read_log
+from hdagen.mpc import explain
 from hdagen.mpc.record import read
 
 TOML = """[limits]
@@ -79,6 +81,11 @@ def test_a_browser_shows_the_page_without_a_word(run: Path) -> None:
         assert page.run("document.querySelectorAll('figure svg').length") >= 5
         assert page.messages == []
         assert all(request.startswith(("file:", "data:")) for request in page.requests)
+
+
+def test_names_that_are_html_are_text(run: Path, tmp_path: Path) -> None:
+    explain.write(tmp_path / "page.html", NAME, read(run / "run.parquet"))
+    check_escaped((tmp_path / "page.html").read_text(encoding="utf-8"), 2)
 
 
 def test_a_log_without_a_record_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

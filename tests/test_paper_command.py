@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from compiled import Compiled
+from hostile_names import NAME, check_escaped
 
 from hdagen.__main__ import INTERRUPTED, USAGE, main
 from hdagen.log import read
@@ -22,7 +23,6 @@ from hdagen.paper import document, page, produce, store
 from hdagen.paper.listed import FIGURES, named
 from hdagen.paper.prototype import ROBOT, TABLE_1, THREE
 from hdagen.paper.result import Axes, Claim, Curve, Grid, Map, Result
-from hdagen.plant import PlantError
 
 ROOT = Path(__file__).parents[1]
 DRAWS = importlib.util.find_spec("matplotlib") is not None
@@ -164,6 +164,22 @@ def test_every_kind_of_part_is_drawn_and_stands_on_the_page(tmp_path: Path) -> N
     assert "<why>" not in html
 
 
+@needs_matplotlib
+def test_words_that_are_html_are_text(tmp_path: Path) -> None:
+    t = np.linspace(0, 1, 50)
+    parts = [
+        Axes(NAME, NAME, NAME, [Curve(NAME, t, t), Curve(f"{NAME}2", t, t, "points")], bands=[(0.2, 0.4, NAME)]),
+        Axes(NAME, NAME, NAME, [Curve(NAME, t, t)], equal=True, marks=[(0.2, 0, NAME)]),
+        Map(NAME, NAME, NAME, NAME, [1, 2, 4], [1, 10, 100], [[1, np.nan], [3, 4]]),
+        Grid(NAME, (NAME, "b"), [(NAME, 1.5)]),
+    ]
+    result = Result("fig0", NAME, NAME, parts, [Claim(NAME, NAME, True, NAME)], {NAME: 1.0}, 3)
+    target = page.write(tmp_path, [store.put(tmp_path, result, "k", 0.0)], store.sections(tmp_path, ["fig0"]))
+    check_escaped(target.read_text(encoding="utf-8"), 10)
+    svg = (tmp_path / "fig0.svg").read_text(encoding="utf-8")
+    assert "<script" not in svg and "<img" not in svg
+
+
 def test_what_is_not_from_the_same_or_not_whole_is_made_again(tmp_path: Path) -> None:
     (tmp_path / "a.svg").write_text("x")
     kept: dict[str, Any] = {
@@ -187,25 +203,24 @@ def test_what_is_not_from_the_same_or_not_whole_is_made_again(tmp_path: Path) ->
 def test_docs_paper_is_what_its_results_make() -> None:
     text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     found = json.loads((ROOT / "docs" / "paper.json").read_text(encoding="utf-8"))
-    assert document.updated(text, found) == text
+    assert document.tables(found) in text
     assert [figure["name"] for figure in found] == [figure.name for figure in FIGURES]
     assert document.tables(found).count("| yes |") > 20 and "| no |" in document.tables(found)
 
 
-def test_the_document_s_tables_are_made_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_document_s_tables_hold_claims_and_choices() -> None:
     claim = {"paper": "a | b", "here": "c", "holds": True, "why": ""}
     choice = {"question": "q", "taken": "t", "alternatives": "x"}
-    (tmp_path / "r.json").write_text(
-        json.dumps([{"name": "fig3b", "title": "T", "claims": [claim], "choices": [choice]}])
-    )
-    (tmp_path / "d.md").write_text(f"before\n{document.BEGIN}\nearlier\n{document.END}\nafter\n")
-    assert document.main([str(tmp_path / "r.json"), str(tmp_path / "d.md")]) == 0
-    text = (tmp_path / "d.md").read_text()
-    assert text.startswith("before\n") and text.endswith(f"{document.END}\nafter\n") and "earlier" not in text
+    text = document.tables([{"name": "fig3b", "title": "T", "claims": [claim], "choices": [choice]}])
     assert "| Fig. 3 (b) | a / b | c | yes |  |" in text and "| Fig. 3 (b) | q | t | x |" in text
-    assert document.main([]) == 2 and "results.json" in capsys.readouterr().err
-    with pytest.raises(PlantError, match="put them where"):
-        document.updated("no markers", [])
+
+
+def test_results_keep_how_long_a_sweep_took() -> None:
+    content = {"name": "maps11", "title": "T", "claims": [], "choices": [], "page": "…"}
+    took = {"sets": 10_000, "sweep_seconds": 18.0, "sweep_processor_seconds": 24.0}
+    (plain,), (swept,) = (json.loads(document.results([c])) for c in (content, content | {"numbers": took | {"x": 1}}))
+    assert "sweep" not in plain and "page" not in plain
+    assert swept["sweep"] == took
 
 
 def test_the_errata_of_the_page_are_those_of_the_document() -> None:

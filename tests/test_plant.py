@@ -154,7 +154,7 @@ def forge(folder: Path, content: dict[str, Any]) -> None:
 
 
 def test_an_honest_copy_is_loaded(folder: Path) -> None:
-    assert Arm(folder).n == 1 and hdagen.load(folder).folder == folder
+    assert Arm(folder).n == Arm(str(folder)).n == 1
 
 
 @pytest.mark.parametrize(

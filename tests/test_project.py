@@ -19,7 +19,6 @@ from compiled import Compiled
 import hdagen
 from gen.effects import ALL
 from gen.effects_table import table
-from hdagen.blind import rates
 from hdagen.blind.seal import seed_hash
 from hdagen.diagnosis import calibration
 
@@ -31,9 +30,9 @@ DOCUMENTS = sorted((ROOT / "docs").glob("*.md"))
 IMPORTED_AS = {"pin": "pinocchio", "pytest-xdist": "xdist", "z3-solver": "z3"}
 
 
-def blocks(kind: str, before: str = "") -> list[str]:
-    """The fenced blocks of the README in that language that follow the line ``before`` at once."""
-    return re.findall(rf"^{re.escape(before)}```{kind}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+def blocks(kind: str, before: str = "", text: str = README) -> list[str]:
+    """The fenced blocks of a text in that language that follow the line ``before`` at once."""
+    return re.findall(rf"^{re.escape(before)}```{kind}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
 def commands(name: str) -> list[str]:
@@ -115,6 +114,8 @@ def test_ci_runs_the_readme_s_commands_then_lint_types_layout_and_the_wheel(tmp_
         "mypy ",
         "pytest -q tests/test_layout.py",
         "python -m pip",
+        "python -c ",
+        "python -m pip",
         "python -m pip",
         "python -c ",
     ]
@@ -155,14 +156,6 @@ def test_ci_leaves_an_active_environment_of_another_python_alone(tmp_path: Path)
 def test_the_table_of_effects_is_current() -> None:
     found = re.findall(r"^<!-- effects: begin -->\n(.*)^<!-- effects: end -->$", README, re.MULTILINE | re.DOTALL)
     assert found == [table()], "put what `python -m gen.effects_table` prints between the README's two markers"
-
-
-@pytest.mark.parametrize("document", ["README.md", "docs/blind.md", "docs/diagnosis.md"])
-def test_the_rates_of_the_diagnosis_are_those_of_its_checks(document: str) -> None:
-    text = (ROOT / document).read_text(encoding="utf-8")
-    found = re.findall(r"^<!-- blind: begin -->\n(.*)^<!-- blind: end -->$", text, re.MULTILINE | re.DOTALL)
-    checks = json.loads((ROOT / "docs" / "blind.json").read_text(encoding="utf-8"))
-    assert found == [rates.table(checks)], "put what `python -m hdagen.blind.rates docs/blind.json` prints there"
 
 
 def test_no_check_was_made_on_a_seed_of_the_calibration() -> None:
@@ -238,6 +231,25 @@ def test_every_file_beside_the_code_is_package_data() -> None:
     assert sorted(str(path.relative_to(ROOT)) for path in beside - taken) == []
 
 
+def test_the_package_s_page_leads_nowhere_and_every_document_is_shipped() -> None:
+    page = ROOT / PROJECT["project"]["readme"]
+    text = page.read_text(encoding="utf-8")
+    assert list(links(page)) == [] and "![" not in text and "://" not in text
+    assert set(blocks("python", text=text)) and "behind a certified stop" in text
+    shipped = (ROOT / "MANIFEST.in").read_text(encoding="utf-8").split()
+    assert {"docs", "tests", ".ci", "CHANGELOG.md", "CITATION.cff"} <= set(shipped)
+
+
+@pytest.mark.parametrize("package", ["gen", "hdagen"])
+def test_windows_is_refused_in_a_sentence(package: str) -> None:
+    code = f"import sys; sys.platform = 'win32'; import {package}"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stderr.splitlines()[-1].startswith("ImportError: hdagen does not run on Windows; use Linux, ")
+    systems = [line for line in PROJECT["project"]["classifiers"] if line.startswith("Operating System")]
+    assert systems == ["Operating System :: POSIX :: Linux"]
+    assert all("Windows" in (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/package.md"))
+
+
 def names(requirements: list[str]) -> set[str]:
     return {re.split(r"[<>=!~;\[ ]", requirement, maxsplit=1)[0] for requirement in requirements}
 
@@ -281,7 +293,7 @@ def test_the_versions_agree() -> None:
     version = PROJECT["project"]["version"]
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert hdagen.__version__ == version
-    assert re.findall(r"^## (.+)$", changelog, re.MULTILINE)[0] == version
+    assert next(name for name in re.findall(r"^## (.+)$", changelog, re.MULTILINE) if name != "Unreleased") == version
     assert citation()["version"] == version
 
 

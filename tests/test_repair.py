@@ -273,7 +273,7 @@ def test_a_joint_that_is_pulled_along_is_not_refused(good: Log, arm: Arm) -> Non
 
 def test_a_log_and_its_hold_out_are_prepared_together(good: Log, arm: Arm) -> None:
     first, last = good.rows(0, 1800), good.rows(1800, 3000)
-    (log,), (held,), data = prepared(arm, [times(1e3, "motor_current_2")(first)], [dropped(0.03)(last)])
+    (log,), (held,), _, data = prepared(arm, [times(1e3, "motor_current_2")(first)], [dropped(0.03)(last)])
     assert same(log, first) and len(held) < len(last)
     assert [(one["name"], one["joint"]) for one in data["repaired"]] == [("milliamperes", 2), ("dropped", 0)]
     assert data["rows"] == 1800 and data["dropped"] == 0 and data["refused"] == [] and data["lags"]

@@ -1,5 +1,5 @@
-"""No log is judged by its own rows: a hold-out that holds a part of the log, however it was cut, is refused; another
-recording of the same motion is not."""
+"""No log is judged by its own rows: what a hold-out shares with the log, however it was cut, is left out, and where
+nothing else is there it is refused; another recording of the same motion is not."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from time import perf_counter
 import numpy as np
 import pytest
 from damage import changed, dropped, kept, times, without, wrapped
-from replayed import JOINT, MOTOR, NOISE
+from replayed import JOINT, MOTOR, NOISE, simulated
 
 from hdagen.channels import describe
+from hdagen.diagnosis.portion import parted
 from hdagen.log import Log, LogError, read
 from hdagen.plant import Arm
-from hdagen.repair import _shared, prepared
+from hdagen.repair import prepared
+from hdagen.shared_motion import shared_motion
 
 # a log that is no other recording: how it is made of the log
 SHARED: dict[str, Callable[[Log], Log]] = {
@@ -24,7 +26,9 @@ SHARED: dict[str, Callable[[Log], Log]] = {
     "its end": lambda log: log.rows(1800, len(log)),
     "its end, timed anew": lambda log: Log(log.time[:1200], log.rows(1800, 3000).columns, 2, "simulated"),
     "every second row": lambda log: kept(log, np.arange(len(log)) % 2 == 0),
-    "every third row of its end": lambda log: kept(log, np.arange(len(log)) % 3 + 3 * (np.arange(len(log)) < 900) == 1),
+    "every third row of its end": lambda log: kept(
+        log, np.arange(len(log)) % 3 + 3 * (np.arange(len(log)) < 1200) == 1
+    ),
     "rows lost": dropped(0.05),
     "another current": lambda log: changed(log, motor_current_1=log["motor_current_1"] + 1e-6),
     "a column less": lambda log: without(log, "motor_current"),
@@ -39,11 +43,46 @@ SHARED: dict[str, Callable[[Log], Log]] = {
 
 
 @pytest.mark.parametrize("what", SHARED)
-def test_a_hold_out_that_shares_rows_with_the_log_is_refused(what: str, good: Log, arm: Arm) -> None:
-    for log, held in ((good, SHARED[what](good)), (SHARED[what](good), good)):
-        with pytest.raises(LogError, match="the hold-out is the log itself or a part of it") as raised:
-            prepared(arm, [log], [held])
-        assert len(raised.value.problems) == 1 and raised.value.problems[0].endswith("give another motion.")
+def test_a_hold_out_whose_rows_are_the_logs_is_refused(what: str, good: Log, arm: Arm) -> None:
+    with pytest.raises(LogError, match="the hold-out is the log itself or a part of it") as raised:
+        prepared(arm, [good], [SHARED[what](good)])
+    assert len(raised.value.problems) == 1 and raised.value.problems[0].endswith("give another motion.")
+
+
+@pytest.mark.parametrize("what", SHARED)
+def test_of_a_hold_out_that_holds_the_log_what_is_more_is_left(what: str, good: Log, arm: Arm) -> None:
+    log = SHARED[what](good)
+    if "its end" not in what:
+        with pytest.raises(LogError, match="the hold-out is the log itself or a part of it"):
+            prepared(arm, [log], [good])
+        return
+    _, (held,), (all_, fresh), data = prepared(arm, [log], [good])
+    (said,) = (one for one in data["repaired"] if one["name"] == "shared")
+    end = 1200 if "third" in what else 1800
+    assert all_.all() and fresh[: end - 20].all() and not fresh[end + 4 : -4].any()
+    assert "are the same motion, from 1." in said["what"] and len(held) == len(good)
+    shown, counted = parted([log], [held], [all_, fresh])
+    assert shown.rows.all() and (counted.rows == fresh).all()
+
+
+def test_rows_that_two_logs_share_are_left_out_and_the_rest_is_the_hold_out(arm: Arm) -> None:
+    """Two recordings of a simulated machine that rests and starts from one posture alike: their beginning is one."""
+    log, other = simulated(arm, 3.0, seed=1), simulated(arm, 3.0, seed=2)
+    part = np.clip((log.time - 0.18) / 0.5, 0.0, 1.0) ** 3
+    steps = {"motor_position": MOTOR, "joint_position": JOINT}
+    alike = {name: values + part * (other[name] - values) for name, values in log.columns.items()}
+    for name in (name for name in alike if "position" in name):
+        step = steps[name[:-2]]
+        alike[name] = np.round(alike[name] / step) * step
+    both = Log(log.time, alike, 2, "held")
+    for one, other in ((log, both), (kept(log, np.arange(len(log)) % 2 == 0), both)):
+        _, _, (_, fresh), data = prepared(arm, [one], [other])
+        assert not fresh[2:170].any() and fresh[350:].all()
+        assert [each["name"] for each in data["repaired"]] == ["shared"]
+    _, _, (first, second), _ = prepared(arm, [log, both], [])
+    shown, counted = parted([log, both], [], [first, second])
+    assert first.all() and not (shown.rows | counted.rows)[len(log) + 2 : len(log) + 170].any()  # they count once
+    assert not (shown.rows & counted.rows).any()
 
 
 def test_another_recording_of_the_same_motion_is_a_hold_out(good: Log, arm: Arm) -> None:
@@ -68,7 +107,7 @@ def test_another_recording_of_the_same_motion_is_a_hold_out(good: Log, arm: Arm)
 
 def test_a_joint_that_is_held_at_zero_hides_no_shared_recording(good: Log) -> None:
     held = changed(good, motor_position_2=np.zeros(len(good)), joint_position_2=np.zeros(len(good)))
-    assert _shared(held, held.rows(1800, 3000), {"motor_position_1": MOTOR / 4, "joint_position_1": JOINT / 4})
+    assert shared_motion(held, held.rows(1800, 3000), {"motor_position_1": MOTOR / 4, "joint_position_1": JOINT / 4})
 
 
 def test_no_made_log_is_taken_for_its_hold_out(data_dir: Path) -> None:
@@ -78,8 +117,8 @@ def test_no_made_log_is_taken_for_its_hold_out(data_dir: Path) -> None:
     for path in paths:
         log, held = (read(path.with_name(name), joints=2) for name in ("log.parquet", "hold_out.parquet"))
         noise = {channel.name: channel.noise for channel in map(describe, log.columns, log.columns.values())}
-        assert _shared(log, held, noise) is None, path
-        assert _shared(log, log.rows(4000, len(log)), noise), path
+        assert not shared_motion(log, held, noise), path
+        assert shared_motion(log, log.rows(4000, len(log)), noise), path
 
 
 def test_a_shared_recording_is_looked_for_quickly() -> None:
@@ -96,7 +135,7 @@ def test_a_shared_recording_is_looked_for_quickly() -> None:
     noise = dict.fromkeys(pair[0].columns, JOINT / 4)
 
     def looked() -> None:
-        assert _shared(pair[0], pair[1], noise) is None
+        assert not shared_motion(pair[0], pair[1], noise)
 
     def described() -> None:
         for log in pair:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, multiples, simulated, spoilt
 
+from hdagen.diagnosis.gap import gap
+from hdagen.diagnosis.portion import Portion
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
 from hdagen.readings import Readings
@@ -91,6 +93,23 @@ def test_springs_damped_far_beyond_the_robot_file_lose_no_window() -> None:
     found = replay(arm, simulated(arm, 3.0))
     assert not found.notes
     assert found.gap < 1.7
+
+
+@pytest.mark.parametrize("input", ["command", "measured"])
+def test_a_channel_that_drives_the_model_is_no_part_of_the_gap(input: str, made: Callable) -> None:
+    """It errs by nothing, whatever the model is: counted, it would make any model look good."""
+    arm = made(FLEXIBLE)
+    log = simulated(arm, 2.0)
+    if input == "command":  # which is not logged at joint 1
+        log = Log(log.time, {k: v for k, v in log.columns.items() if k != "motor_current_command_1"}, 2, "driven")
+    arm.parameters["mass_2"] *= 1.5
+    found = replay(arm, log, input=input)
+    driving = ("motor_current_1",) if input == "command" else ("motor_current_1", "motor_current_2")
+    assert found.inputs == driving and found.channels == [name for name in found.errors if name not in driving]
+    errs = [found.errors[name] / found.noise[name] for name in found.errors if name not in driving]
+    assert found.gap == pytest.approx(math.exp(float(np.mean(np.log(errs)))))
+    told = gap(found, found, Portion.whole(log))
+    assert told["before"] == pytest.approx(found.gap, rel=1e-9) and set(told["by_channel"]) == set(found.channels)
 
 
 @pytest.mark.parametrize("side", ["motor", "joint"])

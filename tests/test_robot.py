@@ -414,7 +414,7 @@ def test_an_unknown_gear_names_what_there_is_and_asks_for_no_springs() -> None:
     drive = {k: v for k, v in flexible()["drive"].items() if "flexspline" not in k and "wave" not in k}
     table["joint"][0]["drive"] = drive | {"catalogue": "CSG-99-100"}
     (sentence,) = problems(table)
-    assert all(json.dumps(name) in sentence for name in CATALOGUE) and "did you mean CSG-17-100?" in sentence
+    assert all(json.dumps(name) in sentence for name in CATALOGUE) and "did you mean" not in sentence
 
 
 def test_a_joint_that_is_no_table_is_refused() -> None:

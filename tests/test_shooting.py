@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+import arms
 import numpy as np
 import pytest
 from compiled import Compiled
-from replayed import FLEXIBLE, NOISE, simulated
+from replayed import FLEXIBLE, MEMORY, NOISE, SENSORS, simulated
 
 from gen.effects import ALL
 from hdagen import late
 from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.design import Point, _differences, _moved, design, residual
+from hdagen.diagnosis.first_look import first
+from hdagen.diagnosis.fitting import advanced, lessened
+from hdagen.diagnosis.fitting import begun as begin_fit
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Lane, Shooting
@@ -246,3 +252,109 @@ def test_nothing_jumps_where_much_is_there_a_little(build: Builder, share: float
         if small > max(0.01 * whole, 1.0)
     }
     assert jumps == {}
+
+
+QUICK = arms.arm("R", step=1e-4, drive=f"torque_constant = 0.05\nmax_current = 40.0\n{SENSORS}")
+
+
+@pytest.fixture(scope="module")
+def quick(build: Builder) -> Shooting:
+    """A joint whose robot file states a shorter step than the diagnosis takes, with every memory that is slowed."""
+    arm = Arm(build(QUICK, "portable", MEMORY).folder)
+    log = simulated(arm)
+    return Shooting(arm, record(arm, Portion(log, np.ones(len(log), bool)), 0.05))
+
+
+def test_memories_are_carried_by_the_step_that_lanes_take_whatever_the_robot_file_states(quick: Shooting) -> None:
+    """RK4 carries a decay up to 2.78 a step, and a memory of the file's own step would decay in that."""
+    assert quick.most > 2.78 * quick.arm.step_size
+    p, begun = quick.begin()
+    described = list(quick.arm.parameters.described)
+    for name, value in {"presliding_share_1": 1.0, "hysteresis_torque_1": 2.0}.items():
+        p[described.index(name)] = value
+    x = quick.states(Lane(p, begun))
+    memories = x[:, quick.m :]
+    assert memories.shape[1] == 2
+    assert (np.abs(memories).max(0) < 1.05).all() and np.abs(memories[:, 0]).max() > 0.95
+    assert quick.arm.at(p).parameters["memory_step"] == quick.arm.step_size
+
+
+def test_a_fit_moves_whatever_step_the_robot_file_states(quick: Shooting) -> None:
+    """A little of every memory is tolerated, so that none of its simulations is one without."""
+    real = quick.arm.at(quick.arm.p)
+    real.parameters["viscous_friction_1"] *= 5.0
+    log = simulated(real)
+    sh = Shooting(quick.arm, record(quick.arm, Portion(log, np.ones(len(log), bool)), 0.05))
+    words = dictionary(sh.arm, suggested(sh.arm, sh.record))
+    (k,) = (k for k, atom in enumerate(words.atoms) if atom.name == "viscous_friction@1")
+    fit = begin_fit(design(sh, words, first(sh, words)), words, (k,), 0.1)
+    found = advanced(advanced(fit, words), words)
+    place = sh.arm.parameters.place("viscous_friction_1")
+    assert found.design.point.p[place] == pytest.approx(real.p[place], rel=0.05)
+    assert sh.run > 100 and not sh.failed
+
+
+def test_a_rollout_takes_no_longer_steps_than_its_memories_are_prepared_for(quick: Shooting) -> None:
+    arm, T = quick.arm, 200
+    u = np.zeros((T, arm.nu))
+    u[:, 0] = 5.0
+    x = arm.rollout(arm.rest(np.zeros(1)), u, dt=1e-3, exact=True, most=1e-3)
+    finer = arm.rollout(arm.rest(np.zeros(1)), u, dt=1e-3, exact=True, most=1e-4)
+    assert np.array_equal(x, finer)
+    arm = arm.at(arm.p)
+    arm.parameters["memory_step"] = 1e-3
+    assert arm.stable_step == arm.step_size
+    assert not np.array_equal(arm.rollout(arm.rest(np.zeros(1)), u, dt=1e-3, exact=True, most=1e-3), finer)
+
+
+def test_a_lane_that_reads_no_number_is_counted_and_left_out(quick: Shooting) -> None:
+    """Nothing is learnt from it: its column is 0, and as a model it is as wrong as one can be."""
+    p, begun = quick.begin()
+    words = dictionary(quick.arm, suggested(quick.arm, quick.record))
+    at = design(quick, words, Point(p, begun))
+    before, bad = quick.failed, p.copy()
+    bad[quick.arm.parameters.place("mass_1")] = np.nan
+    seen = quick.predict(Lane(bad, begun))
+    assert not np.isfinite(seen).all() and quick.failed == before + 1
+    left = residual(quick, seen)
+    assert np.isfinite(left).all()
+    assert (np.abs(left) == quick.record.span / quick.record.spread)[~np.isfinite(seen)].all()
+    flies = p.copy()
+    flies[quick.arm.parameters.place("motor_inertia_1")] = 1e-9
+    quick.predict(Lane(flies, begun))
+    assert quick.failed == before + 2
+    columns = _differences(quick, at.point, at.residual, [(Lane(bad, begun), 0.1), (Lane(p, begun + 1e-3), 1.0)])
+    assert not columns[0].any() and columns[1].any()
+    assert advanced(begin_fit(at, words, (), 0.1), words).score.evidence > -np.inf
+
+
+def test_what_a_fit_sets_stays_within_the_bounds_however_narrow(quick: Shooting) -> None:
+    """Bounds may be narrower than what is tolerated, or than a step: those of a spring that the step carries are."""
+    arm = quick.arm.at(quick.arm.p)
+    described = arm.parameters.described = dict(arm.parameters.described)
+    q = described["presliding_angle_1"]
+    described["presliding_angle_1"] = replace(q, low=0.9 * q.nominal, high=1.1 * q.nominal)
+    torque = described["hysteresis_torque_1"]  # that is then never absent
+    described["hysteresis_torque_1"] = replace(torque, low=1.0, nominal=1.0)
+    mass = described["mass_1"]
+    described["mass_1"] = replace(mass, low=mass.nominal, high=mass.nominal * (1 + 1e-4))
+    sh = Shooting(arm, quick.record)
+    words = dictionary(arm, suggested(arm, sh.record))
+    low, high = np.array([(one.low, one.high) for one in described.values()]).T
+    for c in words.columns:
+        point = first(sh, words)
+        lane, step = _moved(sh, words, point, c)
+        assert (low <= lane.p).all() and (lane.p <= high).all(), c.parameter
+        assert step and lane.p[c.index] == pytest.approx(point.p[c.index] + step * c.unit)
+    for atom in words.atoms:
+        p = arm.parameters.within(sh.begin()[0])
+        atom.shape(arm, p)
+        assert (low <= p).all() and (p <= high).all(), atom.name
+    ends = words.bounds(arm)
+    assert (ends[0] <= 0.0).all() and (ends[1] >= 0.0).all()
+    start = first(sh, words).p
+    assert (low <= start).all() and (start <= high).all()
+    k = next(k for k, atom in enumerate(words.atoms) if atom.name == "transmission_hysteresis@1")
+    fit = begin_fit(design(sh, words, Point(start, sh.begun(start))), words, (k,), 0.1)
+    p = lessened(fit, words, ()).design.point.p
+    assert (low <= p).all() and (p <= high).all()

@@ -45,5 +45,5 @@ EFFECT = Effect(
     equation=torque,
     citation="Dahl, TOR-0158 (1968); Canudas de Wit et al., IEEE Trans. Autom. Control 40 (1995) 419, (1)-(3); size: "
     "all of it does",
-    states=(State("bristle", "1", 1.0, "deflection against the displacement", stiff=True),),
+    states=(State("bristle", "1", 1.0, "deflection against the displacement", stiff=True, slowed=True),),
 )

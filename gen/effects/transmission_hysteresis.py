@@ -38,6 +38,6 @@ EFFECT = Effect(
     equation=torque,
     citation="Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); paper Fig. 3b; "
     "size: half of K ψ of a CSG-17 (catalogue: loss of up to 2 arcmin)",
-    states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque"),),
+    states=(State("hysteresis", "1", 1.0, "share of the hysteresis torque", slowed=True),),
     rigid=False,
 )

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "hda_guard_held.h"
+
 typedef struct {
     int gains, reference, memory;
     void (*start)(const double *measured, const double *reference, const double *c, double *state);
@@ -16,7 +18,7 @@ static const double low[][HDA_GAINS_MOST] = HDA_GAINS_LOW, high[][HDA_GAINS_MOST
 
 enum { LAWS = sizeof laws / sizeof *laws };
 
-int hda_controller_configure(hda_controller *k, int number, const double *p, const double *gains, const hda_guard_config *config) {
+HDA_APART static int configure(hda_controller *k, int number, const double *p, const double *gains, const hda_guard_config *config) {
     if (!k || !p || !gains || !config) return HDA_CONTROL_CALL;
     if (number < 0 || number >= LAWS) return HDA_CONTROL_LAW;
     for (int i = 0; i < HDA_NP; i++) {
@@ -26,7 +28,7 @@ int hda_controller_configure(hda_controller *k, int number, const double *p, con
         const double gain = i ? gains[i] : config->period;
         if (!hda_finite(gain) || gain < low[number][i] || gain > high[number][i]) return HDA_CONTROL_GAIN;
     }
-    const int refused = hda_guard_configure(&k->guard, config);
+    const int refused = hda_guard_configure_held(&k->guard, config);
     if (refused) return refused;
     k->started = k->started && k->law == number;
     k->law = number;
@@ -42,11 +44,11 @@ static void gather(const hda_measurement *m, double *measured) {
     memcpy(measured + 2 * HDA_N, m->tip_force, sizeof m->tip_force);
 }
 
-int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference, double *torque) {
+HDA_APART static int tick(hda_controller *k, double now, const hda_measurement *m, const double *reference, double *torque) {
     double raw[HDA_N] = {0}, map[2 * HDA_N] = {0}, measured[2 * HDA_N + 2], next[HDA_MEMORY_MOST];
-    if (!k || k->law < 0 || k->law >= LAWS) return hda_guard_end(k ? &k->guard : NULL, raw, map, torque);
+    if (!k || k->law < 0 || k->law >= LAWS) return hda_guard_end_held(k ? &k->guard : NULL, raw, map, torque);
     const law *chosen = &laws[k->law];
-    const int opened = hda_guard_begin(&k->guard, now, m, reference, chosen->reference);
+    const int opened = hda_guard_begin_held(&k->guard, now, m, reference, chosen->reference);
     if (opened >= 0) {
         gather(m, measured);
         if (!k->started) {
@@ -56,8 +58,22 @@ int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m,
         chosen->tick(measured, k->guard.sent, reference, k->gains, k->c, k->state, raw, next);
         hda_force_map(m->joint_position, k->c, map);
     }
-    const int status = hda_guard_end(&k->guard, raw, map, torque);
+    const int status = hda_guard_end_held(&k->guard, raw, map, torque);
     if (opened >= 0 && status >= 0) memcpy(k->state, next, (size_t)chosen->memory * sizeof *next);
+    return status;
+}
+
+int hda_controller_configure(hda_controller *k, int law, const double *p, const double *gains, const hda_guard_config *config) {
+    const hda_float caller = hda_float_hold();
+    const int status = configure(k, law, p, gains, config);
+    hda_float_restore(&caller);
+    return status;
+}
+
+int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference, double *torque) {
+    const hda_float caller = hda_float_hold();
+    const int status = tick(k, now, m, reference, torque);
+    hda_float_restore(&caller);
     return status;
 }
 

@@ -3,7 +3,7 @@
  * The checks of a tick stand in one order and the first that fails names the fault: version and latch, time, finite
  * inputs, jump and stale; the controller; finite result, force, torque, rate against the torque sent last, the last
  * assertion. One fault turns the whole vector to the safe state, never one joint. */
-#include "hda_guard.h"
+#include "hda_guard_held.h"
 
 #include <string.h>
 
@@ -156,7 +156,7 @@ static double counted(const hda_guard *g, double now)
     return since < g->config.period ? since : g->config.period;
 }
 
-int hda_guard_begin(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count)
+int hda_guard_begin_held(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count)
 {
     const int bad = context(g);
     if (bad != HDA_FINE) return bad;
@@ -322,7 +322,7 @@ static finding check_result(hda_guard *g, const double *raw, const double *force
     return found;
 }
 
-int hda_guard_end(hda_guard *g, const double *raw, const double *force_map, double *torque)
+int hda_guard_end_held(hda_guard *g, const double *raw, const double *force_map, double *torque)
 {
     const int bad = context(g);
     double step[HDA_N], out[HDA_N];
@@ -347,7 +347,7 @@ int hda_guard_end(hda_guard *g, const double *raw, const double *force_map, doub
     return send(g, step, out, g->tick_time, status, torque);
 }
 
-int hda_guard_watchdog(hda_guard *g, double now, double *torque)
+int hda_guard_watchdog_held(hda_guard *g, double now, double *torque)
 {
     const int bad = context(g);
     double step[HDA_N], out[HDA_N];
@@ -376,7 +376,7 @@ int hda_guard_watchdog(hda_guard *g, double now, double *torque)
 
 /* ---- recover ---- */
 
-int hda_guard_recover(hda_guard *g, double now, const hda_measurement *m)
+int hda_guard_recover_held(hda_guard *g, double now, const hda_measurement *m)
 {
     const int bad = context(g);
     double measured[MEASURED];

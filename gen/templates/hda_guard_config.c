@@ -1,5 +1,5 @@
 /* What a guard may be configured to, in how many ticks it is then safe, and the sentences of its statuses. */
-#include "hda_guard.h"
+#include "hda_guard_held.h"
 
 #include <string.h>
 
@@ -15,7 +15,7 @@ static int legal_limits(const double *x)
     return 1;
 }
 
-int hda_guard_safe_ticks(const hda_guard_config *c)
+int hda_guard_safe_ticks_held(const hda_guard_config *c)
 {
     double worst = 0.0;
     if (c == NULL) return HDA_CONFIG_CALL;
@@ -54,9 +54,9 @@ double hda_guard_force(const double *force_map, const double *torque)
     return hda_length(x, y);
 }
 
-int hda_guard_configure(hda_guard *g, const hda_guard_config *config)
+int hda_guard_configure_held(hda_guard *g, const hda_guard_config *config)
 {
-    const int ticks = hda_guard_safe_ticks(config);
+    const int ticks = hda_guard_safe_ticks_held(config);
     if (g == NULL) return HDA_CONFIG_CALL;
     if (ticks < 0) return ticks;
     if (g->version != 0 || g->size != 0) {

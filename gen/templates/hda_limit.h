@@ -6,6 +6,12 @@
 #error "the limiter compares with NaN and infinities in mind: compile without -ffast-math and -Ofast"
 #endif
 
+#include <float.h>
+
+#if FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 2
+#error "the limits hold for doubles, not for what x87 makes of them: compile with -msse2 -mfpmath=sse"
+#endif
+
 #ifndef HDA_API
 #ifdef __GNUC__
 #define HDA_API __attribute__((visibility("default")))

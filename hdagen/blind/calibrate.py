@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.blind.run import replace
 from hdagen.blind.score import Row
 from hdagen.diagnosis.calibration import CLOSEST, FROZEN, LARGEST, SCHEMA, Calibration, CalibrationError, digest, read
 from hdagen.input_file import InputFileError, read_json
+from hdagen.whole import write_whole
 
 _TEMPERATURES = np.geomspace(1.0, 50.0, 400)  # that are tried: no few cases make a search surer than it is itself
 _LAPSES = 1000  # that are tried with each
@@ -88,7 +88,7 @@ def freeze(sources: Sequence[Path], out: Path) -> Calibration:
         "loss_before": loss(log_odds, right, 1.0),
         "loss_after": loss(log_odds, right, temperature, lapse),
     }
-    replace(out, json.dumps({**content, "sha256": digest(content)}, indent=1) + "\n")
+    write_whole(out, (json.dumps({**content, "sha256": digest(content)}, indent=1) + "\n").encode())
     return read(out)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -13,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from hdagen.children import start_together
 
 _PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "CC", "LD_LIBRARY_PATH")
 _PACKAGE = Path(__file__).parents[2]
@@ -58,21 +59,12 @@ def run(
 ) -> Ended:
     """Run ``command`` in ``folder`` with ``told`` as its input.
 
-    Its own session: an interrupt from the keyboard reaches it through ``stop`` only, with all its children. Raises
-    ChildError where it takes longer than ``most_seconds`` or is stopped.
+    An interrupt from the keyboard reaches it through ``stop`` only. Raises ChildError where it takes longer than
+    ``most_seconds`` or is stopped.
     """
-    start = time.monotonic()
-    child = subprocess.Popen(
-        command,
-        cwd=folder,
-        env=clean_environment(builds),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
+    start, pipe = time.monotonic(), subprocess.PIPE
+    how = {"cwd": folder, "env": clean_environment(builds), "stdin": pipe, "stdout": pipe, "stderr": pipe, "text": True}
+    with start_together(command, **how) as child:
         given: str | None = told
         while True:
             try:
@@ -84,10 +76,6 @@ def run(
                     raise ChildError("stopped") from None
                 if time.monotonic() - start > most_seconds:
                     raise ChildError(f"it was stopped after {most_seconds:g} s") from None
-    finally:
-        if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.communicate()
     return Ended(child.returncode, printed, _last(complained), time.monotonic() - start)
 
 

@@ -23,12 +23,12 @@ from typing import Any
 from hdagen.blind.bars import BARS
 from hdagen.blind.blind_page import KINDS
 from hdagen.blind.figures import Figure, means_together, rates_together
-from hdagen.blind.run import replace
 from hdagen.blind.score import Row, summary
 from hdagen.blind.words import WORDS, said
 from hdagen.diagnosis import calibration
 from hdagen.diagnosis.calibration import LARGEST
 from hdagen.input_file import InputFileError, read_json
+from hdagen.whole import write_whole
 
 NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
 MEANS = {"p_truth", "brier", "pair_f1"}
@@ -153,7 +153,7 @@ def main() -> int:
         except ValueError as error:
             print(error, file=sys.stderr)
             return 2
-        replace(options.out, json.dumps(content, indent=1) + "\n")
+        write_whole(options.out, (json.dumps(content, indent=1) + "\n").encode())
         return 0
     sys.stdout.write(table(read[0]))
     return 0

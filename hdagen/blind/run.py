@@ -25,7 +25,7 @@ from hdagen.blind.child import ChildError, ask, run
 from hdagen.blind.score import Row, judged
 from hdagen.input_file import InputFileError, read_json
 from hdagen.log import LogError, read
-from hdagen.whole import whole
+from hdagen.whole import is_part, write_whole
 
 HDAGEN = (sys.executable, "-P", "-m", "hdagen")
 MOST_SECONDS = 600.0  # of a diagnosis
@@ -94,9 +94,9 @@ def _claim(asked: Check, closed: seal.Seal) -> None:
                 "name another folder with --out, or give the seed it was started with to go on."
             )
         return
-    if any(asked.out.iterdir()):
+    if not all(map(is_part, asked.out.iterdir())):
         raise BlindError(f"{asked.out}: is not empty and holds no check; name another folder with --out.")
-    replace(path, json.dumps(mine, indent=1))
+    write_whole(path, json.dumps(mine, indent=1).encode())
 
 
 def _all(asked: Check, drawn: tuple[Case, ...], said: Callable[[str], None]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -135,7 +135,7 @@ def _one(asked: Check, index: int, case: Case, robot: Robot, stop: threading.Eve
     log, held = folder / "log.parquet", folder / "hold_out.parquet"
     truth = ask({**request, "motion": "log", "out": str(log.absolute())}, builds, stop)
     if not (folder / "result.json").exists():
-        replace(folder / "robot.toml", robot.toml())
+        write_whole(folder / "robot.toml", robot.toml().encode())
         result: dict[str, Any]
         try:
             result = _diagnosed(asked, folder, builds, stop)
@@ -146,7 +146,7 @@ def _one(asked: Check, index: int, case: Case, robot: Robot, stop: threading.Eve
             if stop.is_set():
                 raise
             result = {"failed": str(error)}
-        replace(folder / "result.json", json.dumps(result, indent=1))
+        write_whole(folder / "result.json", json.dumps(result, indent=1).encode())
     if not asked.keep:
         for path in [*folder.glob("*.parquet"), *(folder / "out").glob("*.html")]:
             path.unlink()
@@ -201,9 +201,3 @@ def _row(asked: Check, case: Case, label: Mapping[str, Any], told: Mapping[str, 
     with suppress(InputFileError):
         said = read_json(folder / "out" / "diagnosis.json", _LARGEST, "check again")
     return judged(case.name, label, told, result, said)
-
-
-def replace(path: Path, text: str) -> None:
-    """Write a whole file or none."""
-    with whole(path, text.encode("utf-8")):
-        pass

@@ -159,7 +159,7 @@ def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
 def _achieved(gap: Mapping[str, Any]) -> float:
     """Share of what a flexible correction closes of the gap, that the verdict closes, as the diagnosis itself found it
     on what it held out; NaN where there is nothing to close."""
-    before, after, flexible = gap["before"], gap["after"], gap["achievable"]
+    before, after, flexible = gap["before"], gap["after"], gap["flexible"]
     if flexible is None or before - flexible <= _CLOSABLE:
         return math.nan
     return float((before - after) / (before - flexible))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hdagen.blind.cases import Case, Robot, cases, robots
 from hdagen.blind.child import ask
-from hdagen.blind.run import replace
+from hdagen.whole import write_whole
 
 
 def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float, said: Callable[[str], None]) -> Path:
@@ -30,7 +30,7 @@ def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float
         for done, (name, label) in enumerate(pool.map(one, range(count)), 1):
             labels[name] = label
             said(f"{kind}: {done} of {count} cases")
-            replace(folder / "labels.json", json.dumps(labels, indent=1))
+            write_whole(folder / "labels.json", json.dumps(labels, indent=1).encode())
     finally:
         stop.set()
         pool.shutdown(cancel_futures=True)
@@ -41,7 +41,7 @@ def _case(
     folder: Path, seed: str, index: int, case: Case, robot: Robot, seconds: float, stop: threading.Event
 ) -> dict[str, object]:
     folder.mkdir(exist_ok=True)
-    replace(folder / "robot.toml", robot.toml())
+    write_whole(folder / "robot.toml", robot.toml().encode())
     request = {"seed": seed, "kind": case.kind, "index": index, "seconds": seconds}
     told = ask({**request, "motion": "log", "out": str(folder / "log.parquet")}, folder, stop)
     ask(

@@ -122,7 +122,8 @@ def _between(one: Between) -> Iterator[Sure]:
         usual = [q.typical or np.inf for q, chosen in zip(one.parameters, own, strict=True) if chosen]
         if np.linalg.norm(whole[: len(own)][own] / usual) < PRESENT:
             continue
-        parameters = {name: float(value) for name, value, chosen in zip(names, whole, own, strict=False) if chosen}
+        sizes = zip(one.parameters, whole, own, strict=False)
+        parameters = {q.name: min(max(float(value), q.low), q.high) for q, value, chosen in sizes if chosen}
         yield Sure(f"{effect}@{one.j}", parameters, left / _left(one, ~own))
 
 

@@ -10,14 +10,13 @@ Legend: an atom is an effect on a joint with its shape parameters at one of thei
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from hdagen.diagnosis.starts import Suggested
-from hdagen.plant import Arm, Array
+from hdagen.plant import Arm, Array, Parameter
 
 SHARES = 0.05, 0.025, 0.0125  # standard deviation of the size of an effect that is not meant, in usual sizes: the first
 # until a log says how little of everything it has
@@ -34,6 +33,8 @@ ORDER = "order"  # in the name of a shape that is no matter of small steps
 TWINS = {"current_bias", "asymmetric_friction"}
 CHANGES_FRICTION = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
 WALL = 0.02  # rad (or m), unit of where a wall stands: its range says nothing of what a hard one bears
+BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of walls and dampers, which come in all orders of magnitude
+BROAD_KEY = "coulomb_friction"  # of the robot file, whose size does, too: what is stated may be a guess
 SHAPE = 0.5  # of a shape parameter's value: its unit
 
 
@@ -64,10 +65,10 @@ class Atom:
         return self.joint == other.joint and {self.effect, other.effect} == TWINS
 
     def shape(self, arm: Arm, p: Array) -> None:
-        """Put its shapes into the parameters ``p`` (np), in place."""
-        names = list(arm.parameters.described)
+        """Put its shapes, as far as their bounds allow, into the parameters ``p`` (np), in place."""
         for name, value in self.shapes.items():
-            p[names.index(name)] = value
+            q = arm.parameters.described[name]
+            p[arm.parameters.place(name)] = min(max(value, q.low), q.high)
 
 
 @dataclass(frozen=True)
@@ -214,29 +215,37 @@ class Dictionary:
         return replace(focus, columns=tuple(columns))
 
 
-def dictionary(arm: Arm, suggested: Suggested) -> Dictionary:
-    """Every effect of ``arm`` that a log can show, with what the log itself suggests."""
-    raw = {q["name"]: q for q in arm.manifest["parameters"]}
-    place = {name: k for k, name in enumerate(arm.parameters.described)}
+def is_broad(parameter: Parameter) -> bool:
+    """Whether a size comes in all orders of magnitude, so that its usual one says little."""
+    return parameter.unit.endswith(BROAD) or parameter.name.startswith(BROAD_KEY)
+
+
+def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()) -> Dictionary:
+    """Every effect of ``arm`` that a log can show, with what the log itself suggests; of ``uncommanded`` joints, whose
+    measured inputs drive the model, none that lies between a command and what acts."""
+    described = arm.parameters.described
+    place = {name: k for k, name in enumerate(described)}
     atoms: list[Atom] = []
     columns: list[Column] = []
     for effect in arm.manifest["effects"]:
         for j in effect["joints"]:
             suffix = f"_{j}" if j else ""
-            names = tuple(a + suffix for a in effect["amplitudes"] if raw.get(a + suffix, {}).get("typical"))
-            if not names:
+            stated = (a + suffix for a in effect["amplitudes"])
+            names = tuple(name for name in stated if name in described and described[name].typical)
+            if not names or (effect["place"] == "input" and j in uncommanded):
                 continue
             shapes = [s + suffix for s in effect["shapes"]]
-            for number, chosen in enumerate(_together([suggested.shapes.get(s, raw[s]["starts"]) for s in shapes])):
+            for number, chosen in enumerate(_together([suggested.shapes.get(s, described[s].starts) for s in shapes])):
                 atoms.append(
                     Atom(effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number)
                 )
-                columns += [_column(raw[name], place[name], len(atoms) - 1, not number, suggested) for name in names]
+                columns += [
+                    _column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names
+                ]
     owned = {c.parameter for c in columns}
-    for name, q in raw.items():
-        if q["role"] == "base" and name not in owned and q["tolerance"] > 0 and q["nominal"]:
-            unit = q["tolerance"] * abs(q["nominal"])
-            columns.append(Column(name, place[name], q["nominal"], unit, 1.0, -1, True))
+    for name, q in described.items():
+        if q.role == "base" and name not in owned and q.tolerance > 0 and q.nominal:
+            columns.append(Column(name, place[name], q.nominal, q.tolerance * abs(q.nominal), 1.0, -1, True))
     return Dictionary(tuple(atoms), tuple(columns))
 
 
@@ -246,13 +255,13 @@ def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
     return [tuple(s[k % len(s)] for s in starts) for k in range(count)]
 
 
-def _column(q: Mapping[str, Any], index: int, atom: int, first: bool, suggested: Suggested) -> Column:
-    name, base = str(q["name"]), q["role"] == "base"
-    unit = suggested.units.get(name, float(q["typical"]))
-    # an effect's own amplitude that cannot be 0 is absent at its lowest
-    nominal = float(q["low"]) if not base and q["low"] > 0 else float(q["nominal"])
-    everywhere = float(q["everywhere"] or q["typical"]) / float(q["typical"])
-    spike = math.hypot(q["tolerance"] * abs(nominal) / unit, SHARES[0] * everywhere) if first else SILENT
+def _column(q: Parameter, index: int, atom: int, first: bool, suggested: Suggested) -> Column:
+    assert q.typical
+    name, base = q.name, q.role == "base"
+    unit = suggested.units.get(name, q.typical)
+    nominal = q.low if not base and q.low > 0 else q.nominal  # what cannot be 0 is absent at its lowest
+    everywhere = (q.everywhere or q.typical) / q.typical
+    spike = math.hypot(q.tolerance * abs(nominal) / unit, SHARES[0] * everywhere) if first else SILENT
     step = suggested.sizes[name] / unit if name in suggested.sizes else STEP
     seen = (suggested.seen[name] - nominal) / unit if first and name in suggested.seen else 0.0
     return Column(name, index, nominal, unit, spike, atom, base and first, step, seen, everywhere)

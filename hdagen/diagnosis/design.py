@@ -144,10 +144,8 @@ class Design:
 
 
 def residual(shooting: Shooting, seen: Array) -> Array:
-    """Measured less predicted (R, M) in units of noise; no larger than the channel's range, for a model that flies
-    apart is as wrong as one can be."""
-    record = shooting.record
-    return np.asarray(np.clip(record.told - seen, -record.span, record.span) / record.spread)
+    """Measured less predicted (R, M) in units of noise, as far as the channel's range."""
+    return np.asarray(shooting.record.missed(seen) / shooting.record.spread)
 
 
 def _shows(column: Array) -> bool:
@@ -181,11 +179,13 @@ def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:
 
 
 def _differences(shooting: Shooting, point: Point, left: Array, lanes: Sequence[tuple[Lane, float]]) -> Array:
-    """The columns (C, R M) of lanes about a point that leaves ``left`` (R, M), each over its step."""
-    columns = np.empty((len(lanes), left.size))
+    """The columns (C, R M) of lanes about a point that leaves ``left`` (R, M), each over its step; 0, as of what shows
+    nothing, where a lane reads what is no number."""
+    columns = np.zeros((len(lanes), left.size))
     seen = shooting.near(point.lane, [lane for lane, _ in lanes])
     for column, read, (_, step) in zip(columns, seen, lanes, strict=True):
-        column[:] = ((left - residual(shooting, read)) / step).reshape(-1)
+        if np.isfinite(read).all():
+            column[:] = ((left - residual(shooting, read)) / step).reshape(-1)
     return columns
 
 
@@ -209,16 +209,17 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
 
 
 def _moved(shooting: Shooting, words: Dictionary, point: Point, column: Column) -> tuple[Lane, float]:
-    """A lane with one parameter moved by its step, away from a bound, and the step in units."""
+    """A lane with one parameter moved by its step, or as far as the wider side of its bounds allows, and the step in
+    units; where there is no room nothing is moved, and the lane shows nothing."""
     described = list(shooting.arm.parameters.described.values())
-    q, p, step = described[column.index], point.p.copy(), column.step
+    q, p = described[column.index], point.p.copy()
     atom = words.atoms[column.atom] if column.atom >= 0 else None
     if atom and not atom.first and atom.name not in words.meant:  # the first has its shapes where it stands
         atom.shape(shooting.arm, p)
-    if not q.low <= p[column.index] + step * column.unit <= q.high:
-        step = -step
-    p[column.index] += step * column.unit
-    return Lane(p, point.begun), step
+    room = [(end - p[column.index]) / column.unit for end in (q.low, q.high)]
+    step = next((step for step in (column.step, -column.step) if min(room) <= step <= max(room)), max(room, key=abs))
+    p[column.index] = min(max(p[column.index] + step * column.unit, q.low), q.high)
+    return Lane(p, point.begun), step or column.step
 
 
 def _first(shooting: Shooting, point: Point) -> list[tuple[Lane, float]]:

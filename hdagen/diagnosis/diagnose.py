@@ -6,17 +6,21 @@ import hashlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from hdagen import verdict
 from hdagen.diagnosis.achievable import corrected
+from hdagen.diagnosis.attempts import Attempts
 from hdagen.diagnosis.beside import beside, sure
 from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import findings, hypothetical
 from hdagen.diagnosis.first_look import first_look
 from hdagen.diagnosis.foreign import foreign
+from hdagen.diagnosis.gap import bounds, least
+from hdagen.diagnosis.held_out import name_rows
 from hdagen.diagnosis.ladder import ladder, left_by
 from hdagen.diagnosis.lasting import lasting
 from hdagen.diagnosis.missing import Sight, look
@@ -28,6 +32,7 @@ from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
+from hdagen.identity import identity
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
 from hdagen.repair import prepared
@@ -52,6 +57,7 @@ class Diagnosis:
     after: Replay
     held_out: Portion
     sight: Sight  # ``held_out`` through the models of both replays
+    left_out: tuple[str, ...]  # a sentence for every stage and simulation that failed
 
 
 def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], say: Callable[[str], None]) -> Diagnosis:
@@ -69,29 +75,29 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     plain, arm = together(lambda build: load(robot, *build), [("portable", ()), ("native", ("all",))])
     for log in (*logs, *hold_out):
         check(plain, log)
-    logs, hold_out, of_data = prepared(plain, logs, hold_out)
-    shown, held_out = parted(logs, hold_out)
+    logs, hold_out, fresh, of_data = prepared(plain, logs, hold_out)
+    shown, held_out = parted(logs, hold_out, fresh)
     window = max(WINDOW, FEWEST * shown.log.period)
     seen = record(arm, shown, window)
 
     def counted(arm: Arm, said: verdict.Verdict | None = None) -> Replay:
         return _counted(replay(arm, held_out.log, with_=said), seen)
 
-    def without(base: verdict.Verdict) -> tuple[Replay, Replay, Portion]:
-        refitted = verdict.applied(plain, base)[0]
-        before, flexible = counted(plain), corrected(refitted, shown, held_out, counted(refitted))
-        return before, flexible, held_out.without(before.guessed, before.starts)  # a guess would tell of itself
-
-    found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say)
+    without = partial(_without_effects, plain, shown, held_out, counted)
+    attempts = Attempts()
+    found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say, attempts)
     decision = _own(decide(found), logs)
     say("replay of held-out motion")
     alone = sure(arm, seen)
 
     def told(decided: Decision) -> Told:
-        decided = beside(decided, alone)
-        content = findings(found, decided)
-        arm = decided.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
-        return decided, content, *stands(plain, arm, content, before, held_out, flexible, counted)
+        for one in dict.fromkeys((beside(decided, alone), decided)):  # what was read off is withdrawn first
+            content = findings(found, one)
+            arm = one.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
+            changed, after = stands(plain, arm, content, before, held_out, flexible, counted)
+            if content["verdict"] == list(one.verdict):
+                break
+        return one, content, changed, after
 
     def instead(strange: Decision) -> Decision | None:  # known effects alone, where the held-out motion bears that out
         if not (without_it := known(strange)).verdict:
@@ -103,7 +109,8 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     if decision.unknown:
         if not (better := instead(decision)):
             say("what works all the time")
-            lasts = lasting(decision, found, arm, shown, window, alone)
+            work = partial(lasting, decision, found, arm, shown, window, alone)
+            lasts = attempts.attempt("what works all the time", work, None)
             better = instead(lasts) if lasts else None
         decision = _own(better or decision, logs)
     decision, content, changed, after = told(decision)
@@ -112,16 +119,42 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         decision, content, changed, after = told(decision)
     content |= {"doubted": doubt, "alone": [one.content for one in alone]}
     say("what is tolerated, and what else it may be")
-    content["tolerated"] = tolerated(decision.best, verdict.read(content), before, after, held_out, counted)
-    content["ladder"] = ladder(decision, content["verdict"], before, after, held_out, counted)
-    content["causes"] = [cause | {"gap_after": left_by(cause, content["ladder"])} for cause in content["causes"]]
+    content |= _rivals(decision, content, (before, after, held_out, counted), attempts)
     say("where and when")
     sight = look(changed, content, held_out.log, before, after)
-    content["where"] = where(sight, content, held_out.rows)
+    places = partial(where, sight, content, held_out.rows)
+    content["where"] = attempts.attempt("where and when", places, content["where"])
     content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
-    content["robot"] = {"name": plain.robot["name"], "sha256": _digest(robot)}
-    content["data"] = _data(logs, hold_out, before) | of_data
-    return Diagnosis(found, decision, content, before, after, held_out, sight)
+    content["robot"] = {"name": plain.robot["name"], "identity": identity(plain.robot), "sha256": _digest(robot)}
+    content["data"] = _data(logs, hold_out, before, held_out, attempts.failures) | of_data
+    return Diagnosis(found, decision, content, before, after, held_out, sight, tuple(attempts.failures))
+
+
+def _without_effects(
+    plain: Arm, shown: Portion, held_out: Portion, counted: Callable[[Arm], Replay], base: verdict.Verdict
+) -> Meanwhile:
+    """The robot file's replay, the best that base parameters and a flexible correction leave, and what is compared."""
+    refitted = verdict.applied(plain, base)[0]
+    before, alone = counted(plain), counted(refitted)
+    held = held_out.without(before.guessed, before.starts)  # a guess would tell of itself
+    return before, least([before, alone, corrected(refitted, shown, held_out, alone)], held), held
+
+
+def _rivals(
+    decision: Decision,
+    content: dict[str, Any],
+    rest: tuple[Replay, Replay, Portion, Callable[[Arm], Replay]],
+    attempts: Attempts,
+) -> dict[str, Any]:
+    """`tolerated`, `ladder`, `causes` and `gap` of diagnosis.json; ``rest``: what the first two take beside the
+    decision."""
+    nothing: list[dict[str, Any]] = []
+    said = verdict.read(content)
+    little = attempts.attempt("what is tolerated", lambda: tolerated(decision.best, said, *rest), nothing)
+    rungs = attempts.attempt("the ladder", lambda: ladder(decision, content["verdict"], *rest), nothing)
+    causes = [cause | {"gap_after": left_by(cause, rungs)} for cause in content["causes"]]
+    left = content["gap"] | bounds(content["gap"], rungs, little)
+    return {"tolerated": little, "ladder": rungs, "causes": causes, "gap": left}
 
 
 def _searched(
@@ -131,16 +164,21 @@ def _searched(
     window: float,
     work: Callable[[verdict.Verdict], Meanwhile],
     say: Callable[[str], None],
+    attempts: Attempts,
 ) -> tuple[Search, Meanwhile]:
     """What is found in ``seen``, and what ``work`` makes meanwhile, as a search leaves half a core idle: it needs the
-    base parameters of a model without effects alone."""
+    base parameters of a model without effects alone. That there are springs is one of the ``attempts``."""
     say("what the log suggests")
     shooting = Shooting(arm, seen)
     words, none = first_look(shooting)
     with ThreadPoolExecutor(1) as aside:
         meanwhile = aside.submit(work, hypothetical(none, ()))
         del none
-        return with_springs(robot, arm, seen, window, search(shooting, words, say), say), meanwhile.result()
+        found = search(shooting, words, say)
+        stage = "a spring in what the robot file calls rigid"
+        found = attempts.attempt(stage, lambda: with_springs(robot, arm, seen, window, found, say), found)
+        attempts.count({id(one): one for fit in found.fitted if (one := fit.design.shooting)}.values())
+        return found, meanwhile.result()
 
 
 def _own(decision: Decision, logs: Sequence[Log]) -> Decision:
@@ -166,7 +204,9 @@ def _counted(found: Replay, seen: Record) -> Replay:
     return replace(found, noise={name: max(noise, fitted.get(name, 0.0)) for name, noise in found.noise.items()})
 
 
-def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay) -> dict[str, Any]:
+def _data(
+    logs: Sequence[Log], hold_out: Sequence[Log], before: Replay, held: Portion, failures: Sequence[str]
+) -> dict[str, Any]:
     notes = [note for log in logs for note in log.notes]
     if before.guessed:
         count = len(before.guessed)
@@ -176,7 +216,8 @@ def _data(logs: Sequence[Log], hold_out: Sequence[Log], before: Replay) -> dict[
         "rate": 1 / logs[0].period,
         "duration": sum(float(log.time[-1] - log.time[0]) for log in logs),
         "held_out": ", ".join(log.source for log in hold_out) or BLOCKS,
-        "notes": list(dict.fromkeys(notes)),
+        "hold_out": name_rows(held, hold_out or logs),
+        "notes": list(dict.fromkeys([*notes, *failures])),
     }
 
 

@@ -16,8 +16,10 @@ def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
     """All candidates with what the log suggests, the orders of ripples, and the share to which all are tolerated, as
     where none leaves little, what is not there cannot be large; and what none leaves, by which that was told."""
     hints = suggested(shooting.arm, shooting.record)
-    fit = nothing(shooting, dictionary(shooting.arm, hints))
-    return dictionary(shooting.arm, with_orders(fit, hints)).sharing(fit.design.words.share), fit
+    fit = nothing(shooting, dictionary(shooting.arm, hints, shooting.record.uncommanded))
+    return dictionary(shooting.arm, with_orders(fit, hints), shooting.record.uncommanded).sharing(
+        fit.design.words.share
+    ), fit
 
 
 def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
@@ -43,4 +45,5 @@ def first(shooting: Shooting, words: Dictionary) -> Point:
     for c in words.columns:
         if c.seen:
             p[c.index] = c.tolerated
+    p = shooting.arm.parameters.within(p)
     return Point(p, shooting.begun(p))

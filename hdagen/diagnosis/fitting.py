@@ -17,13 +17,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
+from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary, is_broad
 from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots
 from hdagen.diagnosis.evidence import Posterior, Scored, laplace, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear, Summed
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.plant import Array
 
+FEW = 2  # effects, so few less than all of a set, or so few alone, are looked at
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 STIFF = 0.1  # of the unexplained torque where a hypothesis stands, that its steps allow first: the whole of it would
 # answer for what the parameters still lack
@@ -33,7 +34,6 @@ REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it s
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 FAR = 2.0  # of what noise leaves of a window in the mean, from which it is
-BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
 ENOUGH = 0.1  # of log evidence that a step must bring, or promise, for another one
 
 
@@ -61,8 +61,11 @@ class Fitted:
 
     @property
     def lesser(self) -> list[tuple[int, ...]]:
-        """Its own atoms, and those of the hypotheses that have fewer of them."""
-        return [some for count in range(len(self.atoms) + 1) for some in combinations(self.atoms, count)]
+        """Its own atoms, and those of the hypotheses that have fewer of them; of a set of many, as each costs a
+        simulation, those that have next to all or next to none."""
+        many = len(self.atoms)
+        counts = sorted({count for count in range(many + 1) if min(count, many - count) < FEW})
+        return [some for count in counts for some in combinations(self.atoms, count)]
 
     @property
     def reached(self) -> float:
@@ -156,7 +159,7 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
         if c.atom in fit.atoms and c.atom not in atoms:
             most = TOLERATED * c.spike * abs(c.unit)
             p[c.index] = min(max(p[c.index], c.center - most), c.center + most)
-    point = Point(p, fit.design.point.begun)
+    point = Point(fit.design.shooting.arm.parameters.within(p), fit.design.point.begun)
     return _there(fit.design.shooting, words, atoms, point, fit.score.at.s, fit.clean)
 
 
@@ -252,11 +255,11 @@ def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
 
 
 def widths(at: Design, free: NDArray[np.intp], point: Point) -> Array:
-    """Standard deviations of θ (P) at ``point`` with the columns ``free``: of a wall or a damper as wide as it is
-    large, if that is more than usual, as those come in all orders of magnitude."""
+    """Standard deviations of θ (P) at ``point`` with the columns ``free``: of what comes in all orders of magnitude as
+    wide as it is large, if that is more than usual."""
     prior = at.words.spike
     described = list(at.shooting.arm.parameters.described.values())
-    broad = np.array([described[at.words.columns[k].index].unit.endswith(BROAD) for k in free], bool)
+    broad = np.array([is_broad(described[at.words.columns[k].index]) for k in free], bool)
     prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(point.p)[free]), SLAB), SLAB)
     return prior
 
@@ -335,9 +338,7 @@ def _tried(at: Design, linear: Linear, s: float, point: Point) -> tuple[Design, 
 def placed(at: Design, theta: Array, begun: Array) -> Point:
     """The point at θ within the bounds. What is not meant moves too: what is tolerated of an effect may be far above
     the noise, and its column tells it only roughly."""
-    described = list(at.shooting.arm.parameters.described.values())
     p = at.point.p.copy()
     for value, c in zip(theta, at.words.columns, strict=True):
-        q = described[c.index]
-        p[c.index] = min(max(c.center + float(value) * c.unit, q.low), q.high)
-    return Point(p, begun)
+        p[c.index] = c.center + float(value) * c.unit
+    return Point(at.shooting.arm.parameters.within(p), begun)

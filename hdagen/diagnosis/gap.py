@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,8 @@ import numpy as np
 from hdagen.diagnosis.portion import Portion
 from hdagen.plant import Array
 from hdagen.readings import Rows
-from hdagen.replay import Replay
+from hdagen.replay import Replay, joined
 
-LEAST = 1e-3  # multiples of the noise, below which an error counts as this
 DRAWS = 500
 BLOCK = 4  # windows of a block: what is one second of motion, so that neighbours that err alike stay together
 LEVEL = 0.95
@@ -21,24 +20,42 @@ LEVEL = 0.95
 def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = None) -> dict[str, Any]:
     """`gap` of diagnosis.json in what is ``held`` out.
 
-    Root mean squares of the replay errors in multiples of each channel's noise, joined as the geometric mean over
-    channels; a channel that drives the model errs by nothing and says nothing. The interval of the share that is
-    closed: blocks of windows drawn with replacement (Efron, Tibshirani, An Introduction to the Bootstrap (1993), 8.6),
-    the same draws at each call. ``achievable`` is what the replay ``flexible`` reaches.
+    Root mean squares of the replay errors in multiples of each channel's noise, `joined` over the channels that the
+    model can err in. The interval of the share that is closed: blocks of windows drawn with replacement (Efron,
+    Tibshirani, An Introduction to the Bootstrap (1993), 8.6), the same draws at each call. ``flexible`` is what the
+    replay of a correction without structure leaves, ``achievable`` the least of all.
     """
     seen = (before, after) if flexible is None else (before, after, flexible)
     squares, rows, names = _compared(before, seen, held)
     each = np.sqrt(squares.sum(1) / rows.sum())
-    joined = _joined(each)
+    left = joined(each)
     return {
-        "before": float(joined[0]),
-        "after": float(joined[1]),
+        "before": float(left[0]),
+        "after": float(left[1]),
         "floor": 1.0,
-        "achievable": None if flexible is None else min(float(joined[2]), float(joined[0])),
-        "shrink": _shrink(joined),
+        "flexible": None if flexible is None else float(left[2]),
+        "achievable": float(left.min()),
+        "shrink": _shrink(left),
         "interval": _middle(s for s in map(_shrink, _draws(squares[:2], rows)) if s is not None),
         "by_channel": _by_channel(each, names, before),
     }
+
+
+def least(seen: Sequence[Replay], held: Portion) -> Replay:
+    """Of several replays, the first of them the robot file's, the one that leaves the least in what is ``held`` out."""
+    squares, rows, _ = _compared(seen[0], seen, held)
+    return seen[int(np.argmin(joined(np.sqrt(squares.sum(1) / rows.sum()))))]
+
+
+def bounds(
+    told: Mapping[str, Any], rungs: Sequence[Mapping[str, Any]], tolerated: Sequence[Mapping[str, Any]]
+) -> dict[str, float]:
+    """``flexible`` and ``achievable`` of a gap as `gap` ``told`` them, in view of all else that was fitted: a flexible
+    correction has the base parameters as they are refitted with no effect, and nothing closes more than what is
+    achievable. ``rungs`` and what is ``tolerated`` are those of diagnosis.json."""
+    flexible = min([told["flexible"], *(one["gap"] for one in rungs if not one["effects"])])
+    every = [flexible, told["achievable"], *(one["gap"] for one in (*rungs, *tolerated))]
+    return {"flexible": flexible, "achievable": min(every)}
 
 
 def by_channel(before: Replay, after: Replay, held: Portion) -> dict[str, dict[str, float]]:
@@ -58,13 +75,13 @@ def _by_channel(each: Array, names: list[str], before: Replay) -> dict[str, dict
 def spread(before: Replay, seen: Sequence[Replay], held: Portion) -> list[tuple[float, list[float] | None]]:
     """What each of the replays ``seen`` leaves of the gap, as `gap` counts it, with its interval: the same draws."""
     squares, rows, _ = _compared(before, seen, held)
-    joined, drawn = _joined(np.sqrt(squares.sum(1) / rows.sum())), _draws(squares, rows)
-    return [(float(value), _middle(draw[k] for draw in drawn)) for k, value in enumerate(joined)]
+    left, drawn = joined(np.sqrt(squares.sum(1) / rows.sum())), _draws(squares, rows)
+    return [(float(value), _middle(draw[k] for draw in drawn)) for k, value in enumerate(left)]
 
 
 def _compared(before: Replay, seen: Sequence[Replay], held: Portion) -> tuple[Array, Rows, list[str]]:
     """Sums of squared errors in the channels' noise (replays, windows, channels), rows of each window, channels."""
-    names = [name for name in before.errors if before.noise.get(name) and before.errors[name] > 0]
+    names = before.channels
     counts = np.add.reduceat(held.rows.astype(int), before.starts)
     squares = np.stack([_squares(one, held, names, before.starts) for one in seen])
     return squares[:, counts > 0], counts[counts > 0], names
@@ -76,14 +93,10 @@ def _squares(seen: Replay, held: Portion, names: list[str], starts: Rows) -> Arr
     return np.asarray(np.add.reduceat(errors**2 * held.rows[:, None], starts, axis=0))
 
 
-def _joined(each: Array) -> Array:
-    return np.asarray(np.exp(np.log(np.maximum(each, LEAST)).mean(-1)))
-
-
-def _shrink(joined: Array) -> float | None:
+def _shrink(left: Array) -> float | None:
     """The share of the gap above the noise that is closed; None where there is none."""
-    span = float(joined[0]) - 1.0
-    return (float(joined[0]) - float(joined[1])) / span if span > 0.1 else None
+    span = float(left[0]) - 1.0
+    return (float(left[0]) - float(left[1])) / span if span > 0.1 else None
 
 
 def _draws(squares: Array, rows: Rows) -> list[Array]:
@@ -93,7 +106,7 @@ def _draws(squares: Array, rows: Rows) -> list[Array]:
         return []
     blocks, lengths = np.add.reduceat(squares, begins, axis=1), np.add.reduceat(rows, begins)
     drawn = np.random.default_rng(0).integers(len(begins), size=(DRAWS, len(begins)))
-    return [_joined(np.sqrt(blocks[:, draw].sum(1) / lengths[draw].sum())) for draw in drawn]
+    return [joined(np.sqrt(blocks[:, draw].sum(1) / lengths[draw].sum())) for draw in drawn]
 
 
 def _middle(drawn: Iterable[float]) -> list[float] | None:

@@ -177,7 +177,7 @@ class Lasting:
         """What the channels err by (L, S, M) at some parameters, as a share of what is usual."""
         record = self.shooting.record
         seen = np.stack(self.shooting.all([Lane(p, self.shooting.begun(p)) for p in points]))
-        return np.asarray(np.clip(record.told - seen, -record.span, record.span) / self.usual)
+        return np.asarray(record.missed(seen) / self.usual)
 
     def _joined(self, squares: Array) -> Array:
         """Of all channels (L, M) those with a joint's encoders as one (L, I), on average."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hdagen.determined import resolved_orders
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.spectra import SEGMENT, beside_input
 from hdagen.diagnosis.whereabouts import Trace, trace
@@ -25,7 +26,7 @@ def maps(sight: Sight, joint: int, place: str, entry: str) -> list[str]:
     """All maps of one joint, of the quantity that shows ``place`` best."""
     seen = trace(sight, place, joint, entry)
     found = _speed_load(sight, joint, seen)
-    found += [_angle(sight, joint, seen), _orders(sight, joint, seen)]
+    found += [_angle(sight, joint, seen), *_orders(sight, joint, seen)]
     found += [_frequency(sight, joint, seen), *_reversals(sight, joint, seen), _time(sight, place, entry)]
     return found
 
@@ -89,49 +90,50 @@ def _angle(sight: Sight, joint: int, seen: Trace) -> str:
     )
 
 
-def _orders(sight: Sight, joint: int, seen: Trace) -> str:
-    """Amplitudes of what goes with multiples of the motor's angle, all orders and a constant fitted at once."""
+def _orders(sight: Sight, joint: int, seen: Trace) -> list[str]:
+    """Amplitudes of what goes with multiples of the motor's angle, a constant and all orders that the motion tells
+    apart fitted at once; nothing below one turn."""
     angle = sight.column("motor_position", joint)[seen.at]
-    k = np.arange(1, ORDERS + 1)
+    k = np.array(resolved_orders(angle, range(1, ORDERS + 1)), int)
+    if not len(k):
+        return []
     matrix = np.hstack([np.ones((len(angle), 1)), np.cos(angle[:, None] * k), np.sin(angle[:, None] * k)])
     series = []
     for label, values in (("before", seen.before), ("after", seen.after)):
         found = np.linalg.lstsq(matrix, values, rcond=1e-6)[0]
-        series.append(_series(label, np.hypot(found[1 : ORDERS + 1], found[ORDERS + 1 :])))
-    return panels(
-        f"{_value(seen).capitalize()} of joint {joint} by order of the motor's angle",
-        k,
-        [Panel(f"amplitude ({seen.unit})", series, height=1.3)],
-        x_label="order (cycles a turn of the motor)",
-        caption="At high speed the filter of the balance takes high orders away, in log and model alike.",
-    )
+        series.append(_series(label, np.hypot(found[1 : len(k) + 1], found[len(k) + 1 :])))
+    return [
+        panels(
+            f"{_value(seen).capitalize()} of joint {joint} by order of the motor's angle",
+            k,
+            [Panel(f"amplitude ({seen.unit})", series, height=1.3)],
+            x_label="order (cycles a turn of the motor)",
+            caption="At high speed the filter of the balance takes high orders away, in log and model alike.",
+        )
+    ]
 
 
 def _frequency(sight: Sight, joint: int, seen: Trace) -> str:
-    """Densities before and after, and the coherence with the motor's input."""
+    """Densities before and after, and the coherence with the motor's input where the motion is long enough for one."""
     drawn, (inputs, *full) = beside_input(sight, joint, seen.at, seen.before, seen.after)
-    level = 1 - CHANCE ** (1 / inputs.free) if inputs.free > 0 else 1.0
+    both = list(zip(("before", "after"), full, strict=True))
+    density = [_series(label, s.density[drawn]) for label, s in both]
+    shown, caption = [Panel(f"density ({seen.unit}/√Hz)", density, log=True)], ""
+    if inputs.free >= 1.0:  # of fewer segments any two series have much of it
+        level = 1 - CHANCE ** (1 / inputs.free)
+        coherence = [_series(label, s.coherence(inputs)[drawn]) for label, s in both]
+        line = [(level, f"noise alone, {100 * (1 - CHANCE):.0f} %")]
+        shown.append(Panel("coherence with the motor's input", coherence, levels=line))
+        caption = (
+            " What goes with the input, in a straight line, has a coherence near 1: a gain, an inertia, a lag. "
+            "Friction and periodic effects have little."
+        )
     return panels(
         f"{_value(seen).capitalize()} of joint {joint} over frequency",
         full[0].frequency[drawn],
-        [
-            Panel(
-                f"density ({seen.unit}/√Hz)",
-                [_series(label, s.density[drawn]) for label, s in zip(("before", "after"), full, strict=True)],
-                log=True,
-            ),
-            Panel(
-                "coherence with the motor's input",
-                [
-                    _series(label, s.coherence(inputs)[drawn])
-                    for label, s in zip(("before", "after"), full, strict=True)
-                ],
-                levels=[(level, f"noise alone, {100 * (1 - CHANCE):.0f} %")],
-            ),
-        ],
+        shown,
         x_label="frequency (Hz)",
-        caption=f"{len(inputs.segments)} segments of {SEGMENT:g} s. What goes with the input, in a straight line, has "
-        "a coherence near 1: a gain, an inertia, a lag. Friction and periodic effects have little.",
+        caption=f"{len(inputs.segments)} segments of {SEGMENT:g} s.{caption}",
     )
 
 

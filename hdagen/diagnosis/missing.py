@@ -54,7 +54,7 @@ class Sight:
     before: Array
     after: Array
     own: Mapping[str, tuple[int, ...]]
-    replays: tuple[Replay, Replay]
+    replays: tuple[Replay, ...]
 
     @cached_property
     def grid(self) -> Even:
@@ -134,7 +134,7 @@ class Sight:
             known |= {place, rate}
         m = mechanical(arm)
         x[:, :m] = complete(arm, x, known)[:, :m]
-        for k in range(m, arm.nx):
+        for k in range(m, arm.nx) if self.replays else ():
             x[:, k] = self.on_grid(self.replays[1].states[:, k])
         return x
 

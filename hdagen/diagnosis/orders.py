@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdagen.determined import is_determined
 from hdagen.diagnosis.candidates import Dictionary
 from hdagen.diagnosis.design import knots
 from hdagen.diagnosis.fitting import Fitted
@@ -54,25 +55,30 @@ def _orders(fit: Fitted, j: int) -> tuple[float, ...]:
     torque = fit.design.linear().inner(max(fit.score.at.s, 1e-3), fit.posterior[0])[1]
     steps = knots(shooting)
     own = torque[:, (j - 1) * steps : j * steps].reshape(-1)
-    waves = _waves(shooting, j)
+    orders, waves = _waves(shooting, j)
+    if not len(orders) or not is_determined(waves[0]):
+        return ()
     gains = np.array([_gain(own, wave) for wave in waves])
     best = np.argsort(-gains)[:KEPT]
-    return tuple(float(ORDERS[k]) for k in best if gains[k] > CLEAR * np.median(gains))
+    return tuple(float(orders[k]) for k in best if gains[k] > CLEAR * np.median(gains))
 
 
-def _waves(shooting: Shooting, j: int) -> Array:
-    """The mean cosine and sine of each order over the rows of each part of each window (orders, parts, 2)."""
+def _waves(shooting: Shooting, j: int) -> tuple[Array, Array]:
+    """The orders of which the motor runs through a cycle, and the mean cosine and sine of each over the rows of each
+    part of each window (orders, parts, 2)."""
     record, arm = shooting.record, shooting.arm
     ratio = arm.parameters[f"ratio_{j}"]
     name = f"motor_position_{j}"
     theta = record.log[name] if name in record.log else ratio * record.log[f"joint_position_{j}"]
-    parts, steps = [], knots(shooting)
-    for first, end in record.edges[record.kept]:
+    parts, steps, edges = [], knots(shooting), record.edges[record.kept]
+    seen = np.concatenate([theta[first:end] for first, end in edges])
+    orders = ORDERS[ORDERS * np.ptp(seen) >= 2 * np.pi]  # less of a cycle is a trend
+    for first, end in edges:
         edge = np.linspace(first, end, steps + 1).round().astype(int) - first
-        turned = np.exp(1j * ORDERS[:, None] * theta[first:end])
+        turned = np.exp(1j * orders[:, None] * theta[first:end])
         parts.append(np.add.reduceat(turned, edge[:-1], axis=1) / np.diff(edge))
     mean = np.concatenate(parts, axis=1)
-    return np.stack([mean.real, mean.imag], 2)
+    return orders, np.stack([mean.real, mean.imag], 2)
 
 
 def _gain(torque: Array, wave: Array) -> float:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.columns import commanded
+from hdagen.diagnosis.agreement import agreement
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.regimes import explained
 from hdagen.diagnosis.spectra import Spectra
@@ -92,6 +93,7 @@ ALONG = {  # of friction as what opposes the motion, by effect
     "position_dependent_friction": Abscissa("joint angle (rad)", _state("joint_position")),
     "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
 }
+FILE = "the robot file's"
 REACH = 2.0  # rad of the motor after a reversal that are drawn
 
 
@@ -115,16 +117,17 @@ def pictures(sight: Sight, entry: str, place: str) -> list[str]:
 
 def _plain(sight: Sight, entry: str, place: str, over: Abscissa, joints: Sequence[int]) -> str:
     """Missing torque or angle over one thing, a plane for each joint."""
-    shown, label = [], ""
+    shown, label, points, added = [], "", list[Array](), list[Array]()
     for joint in joints:
         seen = trace(sight, place, joint, entry)
         clear = sight.slides(joint)[seen.at] if seen.words.endswith(f"motor {joint}") else np.ones(len(seen.adds), bool)
         x, adds, left = over.of(sight, joint)[seen.at][clear], seen.adds[clear], seen.after[clear]
         label = f"{_noun(seen)} ({seen.unit})"
         shown.append(Plane(_points_and_fit(x, left + adds, adds), f"joint {joint}"))
-    unit = sight.input_unit(1)
-    x_label = over.label.replace("{input}", unit)
-    return planes(_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=CAPTION)
+        points, added = [*points, left + adds], [*added, adds]
+    x_label = over.label.replace("{input}", sight.input_unit(1))
+    caption = f"{CAPTION} {agreement(np.concatenate(points), np.concatenate(added)).words()}"
+    return planes(_title(entry), shown, x_label=x_label, y_label=label, equal=False, columns=1, caption=caption)
 
 
 CAPTION = (
@@ -151,6 +154,8 @@ def _points_and_fit(x: Array, y: Array, fit: Array, split: bool = False) -> list
 def means(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
     """Mean x and y in bins of x of equal width, NaN where there are few points; ``split``: bins grow from x = 0 to both
     sides, with a gap there."""
+    if not len(x):
+        return x, y
     low, high = float(x.min()), float(x.max())
     if high <= low:
         return np.array([low]), np.array([float(y.mean())])
@@ -197,7 +202,7 @@ def _friction(sight: Sight, entry: str, joint: int) -> str:
         equal=False,
         caption="Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal "
         "are left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the "
-        "effect at its fitted parameters.",
+        f"effect at its fitted parameters. {agreement(fit + left - robot, fit - robot).words(FILE)}",
     )
 
 
@@ -213,7 +218,8 @@ def _against(sight: Sight, entry: str, joint: int) -> str:
         x_label=over.label,
         y_label="friction beyond the base's (N m)",
         equal=False,
-        caption=f"Against the motion; standstill and the instants of reversal are left out. {CAPTION}",
+        caption="Against the motion; standstill and the instants of reversal are left out. "
+        f"{CAPTION} {agreement(fit + left, fit).words()}",
     )
 
 
@@ -237,12 +243,14 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
     ok = max(parts, key=lambda part: np.ptp(torsion[part]))
     torsion, needed = torsion[ok], sight.link_torque(sight.after)[ok, j]
     curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=5.0)]
+    lacks = list[Array]()
     for label, p, color, dash in (
         ("robot file", sight.before, "green", "dotted"),
         ("model with the effect", sight.after, "vermilion", "solid"),
     ):
         link = sight.missing(p).link
         assert link is not None  # both sides are measured here
+        lacks.append(link[ok, j])
         curves.append(Curve(label, torsion, sight.link_torque(p)[ok, j] - link[ok, j], color=color, dash=dash))
     return planes(
         _title(entry),
@@ -252,7 +260,7 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
         equal=False,
         caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle"
         f"{f', where that goes furthest in {LOOPS:g} s' if len(parts) > 1 else ''}. The model's torque is that of its "
-        "springs and effects at the measured states.",
+        f"springs and effects at the measured states. {agreement(lacks[0], lacks[0] - lacks[1]).words(FILE)}",
     )
 
 
@@ -321,6 +329,7 @@ def _input(sight: Sight, entry: str, joint: int) -> list[str]:
     x = np.gradient(command, log.time) if late else command
     before, after = shown[0] if late else np.zeros(len(x)), shown[1]
     curves = _points_and_fit(x[SETTLED:], (measured - before)[SETTLED:], (after - before)[SETTLED:])
+    alike = agreement((measured - shown[0])[SETTLED:], (shown[1] - shown[0])[SETTLED:])
     return [
         scene,
         planes(
@@ -329,7 +338,7 @@ def _input(sight: Sight, entry: str, joint: int) -> list[str]:
             x_label=f"rate of the command ({unit}/s)" if late else f"command ({unit})",
             y_label=f"measured less undelayed {word} ({unit})" if late else f"{word} ({unit})",
             equal=False,
-            caption="The slope is the delay, s, with its sign reversed." if late else "",
+            caption=f"{'The slope is the delay, s, with its sign reversed. ' if late else ''}{alike.words(FILE)}",
         ),
     ]
 

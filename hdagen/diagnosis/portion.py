@@ -39,11 +39,6 @@ class Portion:
         return cls(log, np.ones(len(log), bool))
 
     @property
-    def rest(self) -> Portion:
-        """The other rows."""
-        return Portion(self.log, ~self.rows)
-
-    @property
     def spans(self) -> list[tuple[float, float]]:
         """Begin and end of each stretch of rows, s."""
         return [(float(self.log.time[a]), float(self.log.time[b - 1])) for a, b in stretches(self.rows)]
@@ -62,12 +57,15 @@ class Portion:
         return self.rows[np.clip(np.searchsorted(self.log.time, time), 0, len(self.rows) - 1)]
 
 
-def parted(logs: Sequence[Log], hold_out: Sequence[Log]) -> tuple[Portion, Portion]:
-    """What the fit sees, and what is held out: the logs ``hold_out``, else blocks of each of ``logs``."""
+def parted(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = ()) -> tuple[Portion, Portion]:
+    """What the fit sees, and what is held out: the logs ``hold_out``, else blocks of each of ``logs``; of all of them,
+    one after another, the ``fresh`` rows (T) alone, where they are told."""
+    counted = list(fresh) or [np.ones(len(log), bool) for log in (*logs, *hold_out)]
+    own, other = np.concatenate(counted[: len(logs)]), counted[len(logs) :]
     if hold_out:
-        return Portion.whole(joined(logs)), Portion.whole(joined(hold_out))
-    held = Portion(joined(logs), np.concatenate([blocks(log.time) for log in logs]))
-    return held.rest, held
+        return Portion(joined(logs), own), Portion(joined(hold_out), np.concatenate(other))
+    whole, held = joined(logs), np.concatenate([blocks(log.time) for log in logs])
+    return Portion(whole, own & ~held), Portion(whole, own & held)
 
 
 def blocks(time: Array) -> Mask:

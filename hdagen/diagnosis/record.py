@@ -17,12 +17,13 @@ import numpy as np
 
 from hdagen.channels import describe
 from hdagen.columns import commanded
+from hdagen.determined import ROWS
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, Rows, complete, mechanical
 from hdagen.repair import segments
-from hdagen.replay import _noise, driven_by, window_starts
+from hdagen.replay import channel_noise, driven_by, driving_channel, instants_noise, is_command, window_starts
 from hdagen.torques import torque_per_input
 
 QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
@@ -37,7 +38,8 @@ SHORTEST = 0.5  # share of the window that a shorter last one must have
 class Record:
     """``shown`` (T): rows that the fit may look at. ``command`` (T, nu): row k is held to row k + 1. ``measured``
     (T, M) with ``noise`` (M) standard deviations; windows are the rows from ``starts`` (W) to ``ends`` (W); ``begun``
-    (W, nx) their first states as measured."""
+    (W, nx) their first states as measured; ``clock`` (T, M) what the log's clock leaves uncertain of each value, whose
+    mean ``noise`` has within."""
 
     log: Log
     shown: Mask
@@ -51,6 +53,7 @@ class Record:
     starts: Rows
     ends: Rows
     begun: Array
+    clock: Array
 
     @cached_property
     def rows(self) -> Rows:
@@ -81,6 +84,11 @@ class Record:
         """What was measured in the rows that are looked at (S, M)."""
         return self.measured[self.rows[np.concatenate(self.looked)]]
 
+    def missed(self, seen: Array) -> Array:
+        """What was measured less what a model has the channels read, ``seen`` (…, S, M); no larger than the channel's
+        range: one that flies apart, or gives no number, is as wrong as one can be."""
+        return np.asarray(np.clip(np.where(np.isfinite(seen), self.told - seen, self.span), -self.span, self.span))
+
     @cached_property
     def span(self) -> Array:
         """Range of each channel (M)."""
@@ -88,13 +96,24 @@ class Record:
 
     @cached_property
     def spread(self) -> Array:
-        """Standard deviation of each value that is looked at (S, M): as often as a channel repeats a
-        value in a window, it tells it once."""
+        """Standard deviation of each value that is looked at (S, M): as often as a channel repeats a value in a window,
+        it tells it once; and what the clock leaves uncertain goes with the speed there."""
         told = []
         for rows in self.looked:
             seen = self.measured[self.rows[rows]]
             told.append(np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(seen, axis=0) != 0).sum(0))), seen.shape))
-        return np.concatenate(told) * self.noise
+        if not self.log.time_uncertainty:
+            return np.concatenate(told) * self.noise
+        rows = self.rows[np.concatenate(self.looked)]
+        moved = self.clock[rows]
+        sensor = np.sqrt(np.maximum(self.noise**2 - np.mean(self.clock[self.shown] ** 2, axis=0), 0.0))
+        return np.hypot(np.concatenate(told) * sensor, moved)
+
+    @cached_property
+    def uncommanded(self) -> tuple[int, ...]:
+        """The joints whose commands are not logged: what was measured of their inputs is what acted."""
+        joints = range(1, self.log.n_joints + 1)
+        return tuple(j for j in joints if not is_command(driving_channel(self.log, j, "command") or ""))
 
     @property
     def edges(self) -> Rows:
@@ -123,7 +142,7 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
     measured = np.stack([log[name] for name in names], 1)
     noise = np.array(
         [
-            _noise(arm, name, log[name][seen.rows])
+            channel_noise(arm, log, name, seen.rows)
             if "torque" not in name
             else _followed(log, name, seen.rows)
             if name in driven
@@ -153,6 +172,7 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
         starts,
         ends,
         _begun(arm, log, starts),
+        np.stack([instants_noise(arm, log, name) for name in names], 1),
     )
 
 
@@ -160,11 +180,14 @@ def _followed(log: Log, name: str, shown: Mask) -> float:
     """What no filter of the command explains of a measured torque: its sensor's noise, and what a torque loop leaves,
     which is not stated and much more."""
     command = log[commanded(name)]
-    lags = np.arange(max(round(FOLLOWED / log.period), 1) + 1)
+    most = max(int(shown.sum()) // ROWS - 2, 0)  # with more the fit would take the noise, too
+    lags = np.arange(min(max(round(FOLLOWED / log.period), 1), most) + 1)
     past = np.stack([np.append(np.full(k, command[0]), command[: len(command) - k]) for k in lags], 1)
     A = np.column_stack([past, np.ones(len(command))])[shown]
-    left = log[name][shown] - A @ np.linalg.lstsq(A, log[name][shown], rcond=None)[0]
-    return max(float(np.sqrt(np.mean(left**2))), describe(name, log[name][shown]).noise)
+    coefficients, _, rank, _ = np.linalg.lstsq(A, log[name][shown], rcond=None)
+    left = log[name][shown] - A @ coefficients
+    spread = float(np.sqrt(left @ left / max(len(left) - rank, 1)))
+    return max(spread, describe(name, log[name][shown]).noise)
 
 
 def usual_torque(arm: Arm, record: Record) -> Array:

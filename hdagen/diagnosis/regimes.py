@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdagen.determined import ROWS
 from hdagen.plant import Array
 
 BINS = 8  # of equally many samples each
@@ -26,6 +27,7 @@ LEAST = 0.05  # significance from which a regime is not named
 SAMPLES = 6000  # that are looked at, at most
 NEAR = 50  # of which part of a series a shift is small
 TURN = 2 * np.pi
+WAVES = 2  # of an order: a sine and a cosine
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Concentrated:
 def explained(quantity: Array, regressors: Sequence[Regressor]) -> list[Explained]:
     """Of ``quantity`` (K,), by each regressor, the most first; what is constant explains nothing and is left out."""
     rows = _rows(len(quantity))
-    y = quantity[rows] - quantity[rows].mean()
+    y = _about_mean(quantity[rows])
     total, found = float(y @ y), []
     for r in regressors if total > 0 else ():
         labels, count = _bins(r.values[rows])
@@ -90,10 +92,10 @@ def periodic(quantity: Array, angle: Array, orders: Sequence[int]) -> list[Perio
     """Of ``quantity`` (K,), by each of the ``orders`` of which the angle (K,), rad, runs through two cycles or more,
     the most first."""
     rows = _rows(len(quantity))
-    y, theta = quantity[rows] - quantity[rows].mean(), angle[rows]
+    y, theta = _about_mean(quantity[rows]), angle[rows]
     total, found = float(y @ y), []
     for k in orders if total > 0 else ():
-        if k * np.ptp(theta) < 2 * TURN:
+        if k * np.ptp(theta) < 2 * TURN or len(theta) < ROWS * (WAVES + 1):
             continue
         waves = np.stack([np.cos(k * theta), np.sin(k * theta)], 1)
         own = np.linalg.qr(waves - waves.mean(0))[0].T
@@ -125,12 +127,19 @@ def concentrated(energy: Array, regressors: Sequence[Regressor]) -> list[Concent
 
 
 def _rows(count: int) -> np.ndarray:
+    """Samples that are looked at, of ``count``."""
     return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(int))
 
 
+def _about_mean(values: Array) -> Array:
+    """``values`` (K,) less their mean; none of none, as of a joint that never moves."""
+    return values - values.mean() if len(values) else values
+
+
 def _bins(values: Array) -> tuple[np.ndarray, int]:
-    """The bin of each value, and how many bins there are: by quantiles, fewer where values repeat."""
-    edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)[1:-1]))
+    """The bin of each value, and how many bins there are: by quantiles, fewer where values are few or repeat."""
+    most = min(BINS, max(len(values) // ROWS, 1))
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, most + 1)[1:-1]))
     labels = np.searchsorted(edges, values, side="left")
     kinds, labels = np.unique(labels, return_inverse=True)
     return labels, len(kinds)

@@ -21,12 +21,13 @@ from hdagen.pages.curves import Panel, Series, panels
 from hdagen.pages.page import Section
 from hdagen.pages.table import table
 from hdagen.replay import WINDOW, Replay
+from hdagen.verdict import silent
 
 SHOWN = 8  # candidates in the figures
 RARE = 1e-3  # probability below which a hypothesis is not listed
 NEVER = 1e-4  # below which its size says nothing
 LITTLE = f"less than {NEVER:g}"
-TOLD = (0.5, 0.9)  # posterior by prior width, up to which the data said much, and a little
+MUCH = 0.5  # posterior by prior width, up to which the data said much
 LAG = 0.25  # s, of the correlations of what is left
 
 
@@ -55,17 +56,18 @@ def _gap(content: dict[str, Any]) -> Section:
     gap = content["gap"]
     channels = gap["by_channel"]
     names, values = ["before", "after"], [gap["before"], gap["after"]]
-    if gap["achievable"] is not None:
-        names, values = [*names, "flexible correction"], [*values, gap["achievable"]]
+    if gap["flexible"] is not None:
+        names, values = [*names, "flexible correction"], [*values, gap["flexible"]]
     whole = bars(
         "Gap on held-out motion",
         names,
         [Bars("", values)],
         value_label="replay error in multiples of noise",
-        levels=[(gap["floor"], "floor: noise alone")],
+        levels=_levels(gap),
         log=True,
-        caption="Flexible correction: base parameters refitted, then regressions without structure, on the same data."
-        if gap["achievable"] is not None
+        caption="Flexible correction: base parameters refitted, then regressions without structure as far as they "
+        "close more, on the same data."
+        if gap["flexible"] is not None
         else "",
     )
     by = bars(
@@ -81,6 +83,11 @@ def _gap(content: dict[str, Any]) -> Section:
         f"the geometric mean. Held out: {content['data']['held_out']}."
     )
     return Section("The gap", text, [whole, by, *_tolerated(content)])
+
+
+def _levels(gap: dict[str, Any]) -> list[tuple[float, str]]:
+    """What bounds a gap: noise, and the least that anything fitted leaves."""
+    return [(gap["floor"], "noise alone"), (gap["achievable"], "best of all that was fitted")]
 
 
 def _tolerated(content: dict[str, Any]) -> list[str]:
@@ -173,15 +180,12 @@ def _ladder(content: dict[str, Any]) -> str:
     """What the leading hypotheses leave on held-out motion."""
     gap, rungs = content["gap"], content["ladder"]
     low, high = zip(*(one["interval"] or (float("nan"), float("nan")) for one in rungs), strict=True)
-    levels = [(gap["floor"], "noise alone")]
-    if gap["achievable"] is not None:
-        levels.append((gap["achievable"], "flexible correction"))
     return bars(
         "Candidates on held-out motion",
         [_rung(one) for one in rungs],
         [Bars("", [one["gap"] for one in rungs], (low, high))],
         value_label="replay error in multiples of noise",
-        levels=levels,
+        levels=_levels(gap),
         log=True,
         caption="What each leaves where no fit saw the motion, with base parameters of its own within their "
         "tolerance; 95 % by drawing blocks of windows anew.",
@@ -245,7 +249,7 @@ def _parameters(sight: Sight, content: dict[str, Any]) -> Section:
     text = (
         "As re-estimated with the verdict. The prior of a base parameter is its tolerance about the robot file's "
         "value; that of an effect's size is what is usually met. Ratio: posterior by prior width; where it is 1 the "
-        "data said nothing."
+        "data said nothing of this one by itself. What they said nothing of keeps the robot file's number."
     )
     if count:
         text += f" Those of the verdict's effects come first ({count})."
@@ -258,11 +262,13 @@ def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float 
     if q is None:
         return [name, None, None, estimate["value"], std, unit, None, "–"]
     prior = estimate.get("prior") or q.tolerance * abs(q.nominal) or (q.typical or None)
-    told = None if std is None or not prior else std / prior
-    if told is None:
+    told = None
+    if std is None or not prior:
         said = "no width" if std is None else "–"
     else:
-        said = "much" if told < TOLD[0] else "a little" if told < TOLD[1] else "nothing"
+        told = std / prior
+        kept = silent(estimate["value"] - q.nominal, std, prior)
+        said = "much" if told < MUCH else "nothing" if kept else "a little"
     end = "; at the end of its range" if estimate["end"] else ""
     return [name, q.nominal, prior, estimate["value"], std, unit, told, f"{said}{end}"]
 
@@ -335,8 +341,8 @@ def _data(content: dict[str, Any]) -> Section:
     beside = f"jitter {1e6 * jitter:.2g} µs, {100 * jitter * data['rate']:.2g} % of a period"
     lost = f"{data.get('dropped', 0)} rows dropped, {data.get('gaps', 0)} gaps, {beside}"
     said = [f"{data['duration']:.3g} s at {data['rate']:.5g} Hz; {lost}."]
+    said += [f"Repaired: {one['what']}" for one in data.get("repaired", ())]
     for heading, key in (
-        ("Repaired", "repaired"),
         ("Not logged", "missing"),
         ("Warnings", "warnings"),
         ("Noticed", "noticed"),

@@ -7,7 +7,7 @@ every effect is put into the model at a few sizes of either sign, with the base 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,12 @@ class Start:
     gain: float
 
 
-def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int, Start]:
+def scan(
+    at: Design, words: Dictionary, lead: Scored | None = None, far: Mapping[int, Array] | None = None
+) -> dict[int, Start]:
     """The best start of each atom that is no sum of a sine and a cosine, about the point of ``at``, with the base
     parameters refitted; about a ``lead`` that stands where it was fitted with everything that it has moved too, as that
-    may stand where it does in place of the atom."""
+    may stand where it does in place of the atom. ``far``: θ (P) at which some atoms are tried, too."""
     base = chosen(at, words.focused(lead.atoms) if lead else words.base)
     sizes = (lead.at.s,) if lead else TORQUES
     meant = base.words.meant
@@ -45,7 +47,11 @@ def scan(at: Design, words: Dictionary, lead: Scored | None = None) -> dict[int,
         (k, point)
         for k, atom in enumerate(words.atoms)
         if atom.name not in meant
-        for point in [*_displaced(at, words, k, atom), *(_parted(at, words, lead.atoms, k) if lead else [])]
+        for point in [
+            *_displaced(at, words, k, atom),
+            *(_parted(at, words, lead.atoms, k) if lead else []),
+            *([put_sizes(at, words, (k,), far[k])] if far and k in far else []),
+        ]
     ]
     seen = at.shooting.near(at.point.lane, [point.lane for _, point in tried])
 
@@ -108,12 +114,24 @@ def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> lis
     return found
 
 
+def put_sizes(at: Design, words: Dictionary, atoms: tuple[int, ...], theta: Array) -> Point:
+    """The point of ``at`` with atoms in their shapes and at sizes θ (P), within their bounds."""
+    described = list(at.shooting.arm.parameters.described.values())
+    point = at.point
+    for k in atoms:
+        values = {c.index: c.center + float(theta[i]) * c.unit for i, c in enumerate(words.columns) if c.atom == k}
+        within = {i: min(max(value, described[i].low), described[i].high) for i, value in values.items()}
+        point = put(replace(at, point=point), words.atoms[k], within)
+    return point
+
+
 def put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
-    """The point of ``at`` with the atom's shapes and parameters at ``values``."""
+    """The point of ``at`` with the atom's shapes and parameters at ``values``, as far as their bounds allow."""
     p, begun = at.point.p.copy(), at.point.begun
     atom.shape(at.shooting.arm, p)
     for index, value in values.items():
         p[index] = value
+    p = at.shooting.arm.parameters.within(p)
     if atom.place == "sensor":  # the windows begin where the encoders say
         begun = begun + at.shooting.begun(p) - at.shooting.begun(at.point.p)
     return Point(p, begun)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,7 +15,8 @@ from hdagen.diagnosis.evidence import Scored, large, posteriors, score
 from hdagen.diagnosis.first_look import first, likeliest
 from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened, sharing
 from hdagen.diagnosis.orders import heard
-from hdagen.diagnosis.scan import Start, put, scan
+from hdagen.diagnosis.regression_start import Regressed, Regression
+from hdagen.diagnosis.scan import Start, put, put_sizes, scan
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.together import together
 
@@ -65,14 +67,25 @@ def search(shooting: Shooting, words: Dictionary, say: Callable[[str], None]) ->
     say(f"screening {len(words.atoms)} candidates")
     at = design(shooting, words, first(shooting, words))
     screened = _screened(at.whole())
-    starts = scan(at, words)
+    regression = Regression.of(shooting.arm, shooting.record, words)
+    starts = scan(at, words, far=regression.far() if regression else {})
     at.gram.forget()
     none = next(s for s in screened if not s.atoms)
     field = [
         begun(at, words, (), none.at.s),
         *_promising(at, words, screened, starts, (), FIELD[0], WORTH),
+        *(_regressed(at, words, regression, none.at.s) if regression else []),
     ]
     return Search(words, tuple(raced(at, words, field, say)), tuple(screened))
+
+
+def _regressed(at: Design, words: Dictionary, regression: Regression, near: float) -> list[Fitted]:
+    """The sets that a regression of the missing torque makes likely, each begun at its sizes."""
+
+    def begin(one: Regressed) -> Fitted:
+        return begun(at, words, one.atoms, near, put_sizes(at, words, one.atoms, one.theta))
+
+    return together(begin, regression.sets())
 
 
 def _screened(at: Design) -> list[Scored]:
@@ -107,7 +120,7 @@ def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str
     that gets better; the best first, the others without their columns. Where the best leaves much, one more effect is
     tried beside the next best, too: of two effects the one that seems the larger may be a third one that stands in for
     both."""
-    fitted = _race(field, words, FIELD, say)
+    fitted = _deserved(_race(field, words, FIELD, say))
     if _beyond(fitted):
         return bared(best_first(fitted))
     fitted, words = _shared(fitted, words)
@@ -269,7 +282,7 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
         field, left = _parted(moved, TRAILING, sizes[number] if number < len(sizes) else len(moved))
         out += left
         del moved
-    best = [f for place, f in enumerate(_promising_first(field)) if not f.atoms or place < SETTLING]
+    best = [f for f, place in _placed(_promising_first(field)) if not f.atoms or place < SETTLING]
     rest = [f for f in field if f not in best]
     hopeless = best[0].score.evidence - HOPELESS * best[0].excess
     rest += [f for f in best if f.score.evidence < hopeless]
@@ -295,8 +308,28 @@ def _parted(fits: list[Fitted], share: float, most: int) -> tuple[list[Fitted], 
     def goes_on(place: int, fit: Fitted) -> bool:
         return place < most and fit.score.evidence >= least if fit.atoms else not _outdone(fit, lead)
 
-    further = [f for place, f in enumerate(fits) if goes_on(place, f)]
+    further = [f for f, place in _placed(fits) if goes_on(place, f)]
     return further, [f.bare() for f in fits if f not in further]
+
+
+def _placed(fits: Sequence[Fitted]) -> Iterator[tuple[Fitted, int]]:
+    """Each fit with how many before it have as many effects, none counting as one: sets that begin by themselves take
+    no place from what is alone."""
+    before: Counter[int] = Counter()
+    for fit in fits:
+        yield fit, before[max(len(fit.atoms), 1)]
+        before[max(len(fit.atoms), 1)] += 1
+
+
+def _deserved(fits: list[Fitted]) -> list[Fitted]:
+    """``fits``, those without their columns, and so no leaders, that have more effects than another one and are not as
+    far ahead of it as the prior takes for them."""
+    fewest = min((len(fit.atoms) for fit in fits if fit.atoms), default=0)
+    if all(len(fit.atoms) in (0, fewest) for fit in fits):
+        return fits
+    excess = best_first(fits)[0].excess
+    lead = max((fit for fit in fits if fit.whole), key=lambda fit: _charged(fit.score.evidence, fit, excess))
+    return [fit if fit is lead or len(fit.atoms) <= fewest else fit.bare() for fit in fits]
 
 
 def _outdone(none: Fitted, lead: Fitted) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hdagen.diagnosis.separators import separate_by
+from hdagen.diagnosis.standing import NOISE
 from hdagen.pages.quantity import number
 
 LIKELY = 0.01  # probability from which a candidate is spoken of
@@ -39,9 +40,13 @@ def sentence(content: dict[str, Any]) -> str:
         interval = gap["interval"]
         spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
         line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
-    if gap["achievable"] is not None:
-        line += _beside(gap)
-    return f"{line}.{_ends(content)}{_more(content)}"
+    return f"{line}{_beside(gap)}.{_ends(content)}{_more(content)}{_contradictions(content)}"
+
+
+def _contradictions(content: dict[str, Any]) -> str:
+    """Channels that were left out or scaled, as they contradict another."""
+    repaired = content.get("data", {}).get("repaired", ())
+    return "".join(f" {one['what']}" for one in repaired if one["name"] == "contradicted")
 
 
 def _times(multiples: float) -> str:
@@ -76,13 +81,15 @@ def _unit(q: dict[str, Any]) -> str:
 
 
 def _nothing(content: dict[str, Any]) -> str:
-    """Why no effect is named: none is likely, or one is, but not sure enough."""
+    """Why no effect is named: none is likely, or one is, but not sure enough, or there is nothing to explain."""
     first = content["hypotheses"][0]
     if not first["effects"]:
         p = f"{first['probability']:.2f}{calibrated(content)}"
         return f"No effect above the size that counts was found (probability {p})"
-    none = next(h["probability"] for h in content["hypotheses"] if not h["effects"])
     each, p = _each(first["effects"]), first["probability"]
+    if content["gap"]["before"] < NOISE:
+        return f"There is no gap to explain, although the log may have {each} ({p:.2f})"
+    none = sum(h["probability"] for h in content["hypotheses"] if not h["effects"])
     return f"No effect is sure enough to be named: perhaps {each} ({p:.2f}), or none ({none:.2f})"
 
 
@@ -102,14 +109,15 @@ def _though(doubted: dict[str, Any] | None) -> str:
 
 
 def _beside(gap: dict[str, Any]) -> str:
-    """The verdict beside a flexible correction."""
-    before, after, flexible = gap["before"], gap["after"], gap["achievable"]
-    if flexible >= before:
-        return "; a flexible correction without structure closes nothing"
-    reached = f"; a flexible correction without structure brings it to {_times(flexible)}"
-    if after <= flexible:
-        return reached
-    return f"{reached}; the verdict closes {100 * (before - after) / (before - flexible):.0f} % of what that does"
+    """The verdict beside the best of all that was fitted."""
+    before, after, least = gap["before"], gap["after"], gap["achievable"]
+    if least >= before:
+        return "; nothing that was fitted closes more"
+    if after <= least:
+        return "; nothing else that was fitted, a flexible correction without structure included, closes more"
+    best = "the best of all that was fitted, a flexible correction without structure included"
+    share = 100 * (before - after) / (before - least)
+    return f"; {best}, brings it to {_times(least)}; the verdict closes {share:.0f} % of what that does"
 
 
 def _worst(gap: dict[str, Any]) -> str:

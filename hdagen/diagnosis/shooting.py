@@ -7,6 +7,9 @@ such groups in threads; the compiled rollout lets go of the interpreter.
 A lane in which an effect is there that remembers goes through all windows, others through those alone that are looked
 at; so do lanes near one of which the memory is known, as far as they change nothing that remembers.
 
+Memories that the build slows to the robot file's step are slowed to the one that is integrated with. A lane that reads
+what is no number, or has a window that flies apart and stays where it was last within its limits, is counted as failed.
+
 Legend: T rows, W windows, K windows that are looked at, of R rows, S of them looked at, M channels, L lanes that run at
 once, m positions and velocities of the state.
 """
@@ -19,11 +22,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from queue import SimpleQueue
+from threading import Lock
 
 import numpy as np
 
 from hdagen import late
 from hdagen.diagnosis.asked import asked
+from hdagen.diagnosis.portion import Mask
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
 from hdagen.readings import Rows, joint_angles, limits, mechanical, memories, places, unread
@@ -116,6 +121,8 @@ class Shooting:
     record: Record
     most: float = 1e-3  # s, a step of integration
     seats: SimpleQueue[Seat] = field(init=False)
+    run: int = field(init=False, default=0)  # lanes
+    failed: int = field(init=False, default=0)  # of them
 
     def __post_init__(self) -> None:
         record, self.m = self.record, mechanical(self.arm)
@@ -134,6 +141,7 @@ class Shooting:
         self.none = np.zeros((len(record.kept), self.arm.nx - self.m))
         self.path = late.Path(record.time[self.rows], self.begins)
         self.speeds = [self.arm.index(f"joint_velocity_{j}") for j in range(1, self.arm.n + 1)]
+        self.moving = [k for k, name in enumerate(self.arm.state_names) if "velocity" in name]
         self.limit = limits(self.arm)
         self.gains = torque_per_input(self.arm)
         self.most_twisted = TWISTED * full_torsion(self.arm)[[j - 1 for j in self.arm.manifest["flexible"]]]
@@ -142,12 +150,21 @@ class Shooting:
         self.staging = places(self.arm, (e for e in effects if e["place"] == "input"), *whole)
         self.remembering = places(self.arm, (e for e in effects if e["states"]), *whole)
         self.loudness = memories(self.arm)
+        self.counting = Lock()
 
     def _carried(self) -> float:
         """The step, s, that carries the springs under what the record's motion asks for; the robot file's own was
         looked at by the build, and is short enough."""
         torque = np.abs(asked(self.arm, self.record).torque)
         return self.arm.carried.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
+
+    def _at(self, p: Array) -> Arm:
+        """The arm with parameters ``p``, its memories slowed to the longest step of any lane: lanes of other steps
+        would differ by that, too."""
+        if "memory_step" in self.arm.parameters.described:
+            p = p.copy()
+            p[self.arm.parameters.place("memory_step")] = self.most
+        return self.arm.at(p)
 
     def predict(self, lane: Lane) -> Array:
         """What the channels read (S, M) in one lane."""
@@ -236,7 +253,7 @@ class Shooting:
         memory = None if remembers else np.stack([self.none if lane.memory is None else lane.memory for lane in lanes])
         jump = np.zeros((many, course.many, self.arm.nx)) if lanes[0].impulse is not None else None
         for k, lane in enumerate(lanes):
-            arm = self.arm.at(lane.p)
+            arm = self._at(lane.p)
             seat.constants[k] = arm.c
             self._drive(arm, lane, course.rows, inputs[k])
             if jump is not None and lane.impulse is not None:
@@ -253,6 +270,8 @@ class Shooting:
         found = self.acted.get(key)  # threads share it
         if found is None:
             found = arm.acting(self.command, self.steps, self.record.before)
+            measured = [j - 1 for j in self.record.uncommanded]
+            found[0][:, measured] = self.command[:, measured]
             if len(self.acted) >= STAGES:
                 self.acted.clear()
             self.acted[key] = found
@@ -268,7 +287,7 @@ class Shooting:
 
     def _read(self, lane: Lane, x: Array) -> Array:
         """What the channels read (S, M) in a lane that is in the states ``x`` (R, nx)."""
-        arm = self.arm.at(lane.p)
+        arm = self._at(lane.p)
         if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
             seen = late.positions(arm, self.path, x)
         else:
@@ -279,7 +298,16 @@ class Shooting:
         for k, (quantity, j) in enumerate(self.record.outputs):
             drives = quantity in DRIVES
             told[:, k] = acted[:, j - 1].take(self.shown) if drives else seen[quantity][:, j - 1].take(self.looked)
+        told[:] = told if np.isfinite(lane.p).all() else np.nan
+        with self.counting:
+            self.run += 1
+            self.failed += bool(not np.isfinite(told).all() or self._stayed(x).any())
         return told
+
+    def _stayed(self, x: Array) -> Mask:
+        """Of which windows (K) the states (R, nx) stay at the end though they move: those fly apart."""
+        ends = np.append(self.begins[1:], len(x)) - 1
+        return np.asarray((x[ends] == x[ends - 1]).all(1) & x[ends][:, self.moving].any(1))
 
     @cached_property
     def mobility(self) -> Array:

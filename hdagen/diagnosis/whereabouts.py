@@ -149,14 +149,13 @@ def _squares(sight: Sight, p: Array, rows: Mask, seconds: np.ndarray) -> Array:
     seen = late.read(arm, log.time, x, shown)
     label = np.unique(seconds[rows], return_inverse=True)[1]
     found = []
-    for name in after.errors:
+    for name in after.channels:
         quantity, _, j = name.rpartition("_")
-        if noise := after.noise.get(name):
-            read = seen[quantity][:, int(j) - 1] if quantity in seen else shown[:, int(j) - 1]
-            if quantity == "motor_torque" and arm.input_names[int(j) - 1].startswith("motor_current"):
-                read = read * arm.parameters.described[f"torque_constant_{j}"].nominal
-            errors = ((read - log[name])[rows] / noise) ** 2
-            found.append(np.stack([np.bincount(label, errors), np.bincount(label)], 1))
+        read = seen[quantity][:, int(j) - 1] if quantity in seen else shown[:, int(j) - 1]
+        if quantity == "motor_torque" and arm.input_names[int(j) - 1].startswith("motor_current"):
+            read = read * arm.parameters.described[f"torque_constant_{j}"].nominal
+        errors = ((read - log[name])[rows] / after.noise[name]) ** 2
+        found.append(np.stack([np.bincount(label, errors), np.bincount(label)], 1))
     return np.stack(found, 1)
 
 
@@ -169,11 +168,10 @@ def _unknown(sight: Sight, joint: int, rows: Mask) -> dict[str, Any]:
         place = "link" if sizes[1] / abs(sight.ratio[joint - 1]) > sizes[0] else "motor"
     after = sight.replays[1]
     squares: dict[int, float] = {}
-    for name in after.errors:
-        if after.noise.get(name):
-            j = int(name.rpartition("_")[2])
-            error = (after.columns[name] - sight.log[name])[rows] / after.noise[name]
-            squares[j] = squares.get(j, 0.0) + float(error @ error)
+    for name in after.channels:
+        j = int(name.rpartition("_")[2])
+        error = (after.columns[name] - sight.log[name])[rows] / after.noise[name]
+        squares[j] = squares.get(j, 0.0) + float(error @ error)
     part = Part(f"unknown@{joint}", joint, place, ())
     share = squares.get(joint, 0.0) / max(sum(squares.values()), 1e-300)
     return {"joint": joint, "place": place, "share": round(share, 4), "when": _when(sight, part)}

@@ -45,5 +45,6 @@ def whiteness(error: Array, lags: int) -> Whiteness:
 
 
 def of_replay(replay: Replay, held: Portion, lags: int) -> dict[str, Whiteness]:
-    """Of every channel's error in what is held out; where that is blocks, one after another."""
-    return {name: whiteness((replay.columns[name] - held.log[name])[held.rows], lags) for name in replay.errors}
+    """Of the error in what is held out of every channel that a gap is counted over; where that is blocks, one after
+    another."""
+    return {name: whiteness((replay.columns[name] - held.log[name])[held.rows], lags) for name in replay.channels}

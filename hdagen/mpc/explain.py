@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -22,7 +23,13 @@ UNITS = {"joint_position": "rad", "motor_speed": "rad/s", "joint_torque": "N m",
 def write(path: Path, source: str, record: Mapping[str, Array]) -> None:
     """The page into ``path``, whole or not at all; OSError where it cannot be written."""
     sections = [_motion(record), _limits(record), _times(record)]
-    page.write(path, f"Predictive control: {source}", verdict(record), sections, f"    hdagen mpc explain {source}")
+    page.write(
+        path,
+        f"Predictive control: {source}",
+        verdict(record),
+        sections,
+        f"    hdagen mpc explain {shlex.quote(source)}",
+    )
 
 
 def verdict(record: Mapping[str, Array]) -> str:

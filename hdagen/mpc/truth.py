@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hdagen.children import start_together
 from hdagen.mpc.comparison import CENTER, HARD, RADIUS, TURN, default
 from hdagen.mpc.configuration import read
 from hdagen.mpc.controller import MPC, Problem
@@ -29,16 +30,15 @@ def ask(robot: str, structure: str, problems: list[dict[str, Any]]) -> list[dict
     """IPOPT's answers to problems as `gen.mpc.truth` takes them. Raises PlantError."""
     command = [sys.executable, "-P", "-m", "gen", "truth", f"--mpc={structure}", "--", robot]
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))))
+    environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
     try:
-        done = subprocess.run(
-            command, input=json.dumps(problems), capture_output=True, text=True, timeout=LONGEST, check=False,
-            env={**os.environ, "PYTHONPATH": beside},
-        )  # fmt: skip
+        with start_together(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
+            printed, said = child.communicate(json.dumps(problems), LONGEST)
     except subprocess.TimeoutExpired as error:
         raise PlantError(f"the reference did not finish within {LONGEST:g} s; take fewer samples or nodes.") from error
-    if done.returncode:
-        raise PlantError(done.stderr.strip()[-2000:] or "the reference failed without a word.")
-    return list(json.loads(done.stdout))
+    if child.returncode:
+        raise PlantError(said.strip()[-2000:] or "the reference failed without a word.")
+    return list(json.loads(printed))
 
 
 @dataclass(frozen=True)

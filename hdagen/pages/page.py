@@ -6,7 +6,6 @@ import base64
 import hashlib
 import os
 import re
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -14,6 +13,7 @@ from pathlib import Path
 
 from hdagen.pages import palette
 from hdagen.pages.markup import clean, escape, paragraphs, tag
+from hdagen.whole import write_whole
 
 SCRIPTS = ("axis.js", "frame.js", "curves.js", "heat.js", "animation.js", "page.js")  # page.js starts the others
 
@@ -84,25 +84,10 @@ def write(path: str | os.PathLike[str], title: str, verdict: str, sections: Sequ
     target = Path(path)
     text = render(title, verdict, sections, reproduce).encode("utf-8")
     try:
-        _replace(target, text)
+        write_whole(target, text)
     except OSError as problem:
         reason = f"the page cannot be written, and what stood there is unchanged: {problem.strerror}"
         raise OSError(problem.errno, reason, str(target)) from problem
-
-
-def _replace(target: Path, content: bytes) -> None:
-    """Write beside ``target``, then rename over it; nothing is left behind on failure."""
-    handle, name = tempfile.mkstemp(prefix=f".{target.name[:40]}.", dir=target.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, target)
-    except BaseException:
-        os.unlink(name)
-        raise
 
 
 def _section(section: Section, name: str) -> str:

@@ -1,29 +1,23 @@
-"""The tables of docs/paper.md from the results of `hdagen paper all`.
-
-    python -m hdagen.paper.document docs/paper.json docs/paper.md
-
-puts the tables of the first into the second, between its two markers; docs/paper.json is the results.json that
-`hdagen paper all` writes beside its page.
-"""
+"""The tables of docs/paper.md from the results of `hdagen paper all`, which docs/paper.json is a copy of."""
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from hdagen.paper.page import HOLDS, heading
-from hdagen.plant import PlantError
-from hdagen.whole import whole
 
-BEGIN, END = "<!-- results: begin -->", "<!-- results: end -->"
+SWEEP = ("sets", "sweep_seconds", "sweep_processor_seconds")
 
 
 def results(contents: Sequence[Mapping[str, Any]]) -> str:
-    """results.json: of every figure's JSON its claims and choices."""
+    """results.json: of every figure's JSON its claims and choices, and how long a sweep took."""
     kept = [{key: content[key] for key in ("name", "title", "claims", "choices")} for content in contents]
+    for content, one in zip(contents, kept, strict=True):
+        numbers = content.get("numbers", {})
+        if all(key in numbers for key in SWEEP):
+            one["sweep"] = {key: numbers[key] for key in SWEEP}
     return json.dumps(kept, indent=1, ensure_ascii=False) + "\n"
 
 
@@ -43,28 +37,3 @@ def tables(found: Sequence[Mapping[str, Any]]) -> str:
 
 def _row(*cells: str) -> str:
     return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
-
-
-def updated(document: str, found: Sequence[Mapping[str, Any]]) -> str:
-    """The document with the tables of ``found``. PlantError where its markers are missing."""
-    before, begin, rest = document.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise PlantError(f"the document has no lines {BEGIN} and {END}; put them where the tables are to stand.")
-    return f"{before}{BEGIN}\n\n{tables(found)}\n\n{END}{after}"
-
-
-def main(arguments: Sequence[str]) -> int:
-    """0 done, 2 usage."""
-    if len(arguments) != 2:
-        print(__doc__, file=sys.stderr)
-        return 2
-    source, target = map(Path, arguments)
-    text = updated(target.read_text(encoding="utf-8"), json.loads(source.read_text(encoding="utf-8")))
-    with whole(target, text.encode()):
-        pass
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

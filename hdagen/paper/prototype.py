@@ -68,7 +68,7 @@ class Bench:
 
     def arm(self, robot: str = ROBOT, changes: Mapping[str, float] | None = None) -> Arm:
         """An arm of its own, with parameters changed by name."""
-        arm = load(self.folders.get(robot, robot), self.profile)
+        arm = Arm(self.folders[robot]) if robot in self.folders else load(robot, self.profile)
         self.folders[robot] = arm.folder
         arm.parameters.update(changes or {})
         return arm

@@ -20,7 +20,7 @@ from hdagen.paper.drawing import drawn
 from hdagen.paper.page import section
 from hdagen.paper.result import Result
 from hdagen.plant import PlantError
-from hdagen.whole import whole
+from hdagen.whole import write_whole
 
 SCHEMA = 1
 LARGEST = 10_000_000  # bytes of a figure's JSON
@@ -57,8 +57,7 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
         (folder / SECTIONS).mkdir(parents=True, exist_ok=True)
         (folder / f"{result.name}.json").unlink(missing_ok=True)
         for file, written in files.items():
-            with whole(folder / file, written):
-                pass
+            write_whole(folder / file, written)
         logs, robots = {}, dict[bytes, str]()
         for end, log in result.logs.items():
             file = f"{result.name}_{end}.parquet"
@@ -68,8 +67,7 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
             logs[file] = robot if isinstance(robot, str) else robots.setdefault(robot, own)
         for robot, file in robots.items():  # one for all logs of the same arm
             files[file] = robot
-            with whole(folder / file, robot):
-                pass
+            write_whole(folder / file, robot)
         content = {
             "schema": SCHEMA, "name": result.name, "title": result.title, "text": result.text,
             "claims": [plain(asdict(claim)) for claim in result.claims],
@@ -78,8 +76,7 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
             "files": {file: digest_of(folder / file) for file in [*files, *logs]},
         }  # fmt: skip
         text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        with whole(folder / f"{result.name}.json", text.encode()):
-            pass
+        write_whole(folder / f"{result.name}.json", text.encode())
     except OSError as error:
         raise PlantError(f"{folder}: {error.strerror}; choose another place with --out.") from None
     return content

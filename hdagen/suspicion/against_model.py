@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from hdagen.channels import Channel, describe, even
+from hdagen.determined import is_determined
 from hdagen.log import Log
 from hdagen.plant import Arm
 from hdagen.suspicion.effort import Motion, motion
@@ -186,6 +187,8 @@ def _between(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:
 
     Source: Frisch, Statistical Confluence Analysis by Means of Complete Regression Systems (1934).
     """
+    if not is_determined(terms):
+        return math.nan, math.nan
     other = terms[:, 1:] / np.maximum(np.abs(terms[:, 1:]).max(0), 1e-300)
     x, y = (part - other @ np.linalg.lstsq(other, part, rcond=1e-10)[0] for part in (terms[:, 0], values))
     xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
@@ -196,7 +199,7 @@ def _between(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:
 
 def _twists(log: Log, arm: Arm, channels: Mapping[str, Channel], joints: list[int]) -> dict[int, float]:
     """Root mean square of what the model's torque, a stiffening spring, friction, a time skew and an eccentric encoder
-    leave of each joint's torsion, rad."""
+    leave of each joint's torsion, rad; NaN where the log is too short to tell."""
     moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
     torque = _joint_torque(log, arm, moving)
     found = {}
@@ -208,6 +211,9 @@ def _twists(log: Log, arm: Arm, channels: Mapping[str, Channel], joints: list[in
         terms = _terms(moving, one, carried, bend, np.sin(angle), np.cos(angle))
         size = np.maximum(np.abs(terms).max(0), 1e-300)
         values = moving.grid.smooth(twist)[:: moving.grid.width]
+        if not is_determined(terms):
+            found[joint] = math.nan
+            continue
         left = values - terms / size @ np.linalg.lstsq(terms / size, values, rcond=1e-9)[0]
         found[joint] = max(float(np.sqrt(np.mean(left**2))), 1e-300)
     return found
@@ -220,4 +226,4 @@ def _exchange(log: Log, i: int, j: int) -> Log:
     for name, values in log.columns.items():
         base, _, number = name.rpartition("_")
         columns[f"{base}_{other[number]}" if number in other else name] = values
-    return Log(log.time, columns, log.n_joints, log.source)
+    return replace(log, columns=columns, notes=())

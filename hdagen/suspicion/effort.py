@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.channels import Channel, Even, even
+from hdagen.determined import is_determined
 from hdagen.log import Log
 from hdagen.suspicion.finding import Finding, Severity
 from hdagen.suspicion.inputs import INPUTS, Lag
@@ -66,7 +67,8 @@ def swapped_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) ->
             values = moving.values(log, f"{base}_{i}")
             for j in driven:
                 one = moving.joints.index(j)
-                left[i, j] = 1 - _fit(_terms(moving, one, [one]), values).explained
+                terms = _terms(moving, one, [one])
+                left[i, j] = 1 - _fit(terms, values).explained if is_determined(terms) else 1.0
         for i, j in left:
             crossed, own = (left[i, j], left[j, i]), (left[i, i], left[j, j])
             if i < j and max(crossed) < 0.3 and all(c < 0.35 * o for c, o in zip(crossed, own, strict=True)):
@@ -86,7 +88,7 @@ def signs(log: Log, channels: Mapping[str, Channel], moving: Motion, lags: Mappi
         terms = _terms(moving, one, list(range(len(moving.joints))))
         for base in INPUTS:
             name = f"{base}_{joint}"
-            if name not in channels or channels[name].constant or len(terms) < 5 * terms.shape[1]:
+            if name not in channels or channels[name].constant or not is_determined(terms):
                 continue
             fit = _fit(terms, moving.values(log, name))
             inertia, power = fit.certainty(one), _friction_power(fit, terms, moving, one)
@@ -123,7 +125,7 @@ def behind(log: Log, channels: Mapping[str, Channel], moving: Motion) -> dict[st
         kept = (rows >= _LATEST) & (rows < len(moving.grid.time) - _LATEST)
         terms = _terms(moving, one, list(range(len(moving.joints))))[kept]
         for name in (f"{base}_{joint}" for base in INPUTS):
-            if name not in channels or channels[name].constant or len(terms) < 5 * terms.shape[1]:
+            if name not in channels or channels[name].constant or not is_determined(terms):
                 continue
             smooth = moving.grid.smooth(log[name])
             misfits = [1 - _fit(terms, smooth[rows[kept] - shift]).explained for shift in range(-_LATEST, _LATEST + 1)]
@@ -157,7 +159,7 @@ def unexplained(log: Log, moving: Motion, one: int, name: str, held: np.ndarray)
     share = moving.grid.smooth(held.astype(float))[:: moving.grid.width]
     values = moving.values(log, name)
     inside, outside = share > 0.99, share < 0.01
-    if np.count_nonzero(inside) < 3 or np.count_nonzero(outside) < 5 * terms.shape[1]:
+    if np.count_nonzero(inside) < 3 or not is_determined(terms[outside]):
         return None
     fit = _fit(terms[outside], values[outside])
     beyond = (terms[inside] @ fit.coefficients - values[inside]) * np.sign(values[inside])

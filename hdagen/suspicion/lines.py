@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hdagen.channels import Channel
+from hdagen.determined import ROWS
 from hdagen.log import Log
 from hdagen.stretches import stretches
 from hdagen.suspicion.finding import Finding, Machine, Severity
@@ -89,7 +90,7 @@ def _lines(log: Log, values: np.ndarray, angle: np.ndarray) -> dict[int, float]:
     weight, left = np.zeros(len(values)), np.zeros(len(values))
     for first, end in stretches(fast & even):
         part = slice(first, end)
-        if abs(angle[end - 1] - angle[first]) < _TURNS * 2 * np.pi:
+        if abs(angle[end - 1] - angle[first]) < _TURNS * 2 * np.pi or end - first < ROWS * (_TREND + 1):
             continue
         along = (angle[part] - angle[first]) / (angle[end - 1] - angle[first])
         weight[part] = steps[part] * np.sin(np.pi * np.clip(along, 0.0, 1.0)) ** 2

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "hda_guard_held.h"
+
 enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, AXES = HDA_MPC_AXES };
 
 static const int state_index[] = HDA_MPC_INDEX, memory_index[] = HDA_MPC_MEMORY, places[] = HDA_MPC_PLACES, speeds[] = HDA_MPC_SPEEDS, links[] = HDA_MPC_LINKS;
@@ -99,7 +101,7 @@ static void linearise(hda_mpc *k) {
     k->prepared = 1;
 }
 
-void hda_mpc_prepare(hda_mpc *k) {
+HDA_APART static void prepare(hda_mpc *k) {
     double x[HDA_NX];
     if (!k || !k->configured || !k->started || k->prepared || k->guard.latched) return;
     memcpy(x, k->report.x, sizeof x);
@@ -186,7 +188,7 @@ static int step(hda_mpc *k, double now, const hda_measurement *m, const double *
 static int follow(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *raw) {
     double x[NX];
     if (k->started) {
-        hda_mpc_prepare(k);
+        prepare(k);
         hda_mpc_yield(k, k->report.tip_force);
         see(k, now, m);
     } else {
@@ -199,16 +201,16 @@ static int follow(hda_mpc *k, double now, const hda_measurement *m, const double
     return step(k, now, m, path, raw);
 }
 
-int hda_mpc_tick(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *torque) {
+HDA_APART static int tick(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *torque) {
     double raw[NU] = {0}, map[2 * NU] = {0};
     int followed = 0;
-    if (!k || !k->configured) return hda_guard_end(k ? &k->guard : NULL, raw, map, torque);
-    const int opened = hda_guard_begin(&k->guard, now, m, path, HDA_MPC_PATH);
+    if (!k || !k->configured) return hda_guard_end_held(k ? &k->guard : NULL, raw, map, torque);
+    const int opened = hda_guard_begin_held(&k->guard, now, m, path, HDA_MPC_PATH);
     if (opened >= 0) {
         followed = follow(k, now, m, path, raw);
         hda_force_map(m->joint_position, k->c, map);
     }
-    const int status = hda_guard_end(&k->guard, raw, map, torque);
+    const int status = hda_guard_end_held(&k->guard, raw, map, torque);
     memmove(k->sent[1], k->sent[0], sizeof k->sent - sizeof k->sent[0]);
     memcpy(k->sent[0], k->guard.sent, sizeof k->sent[0]);
     k->prepared = 0;
@@ -216,6 +218,19 @@ int hda_mpc_tick(hda_mpc *k, double now, const hda_measurement *m, const double 
     if (opened >= 0) hda_mpc_feel(k);
     k->report.rung = k->rung;
     return followed < 0 || (status >= 0 && followed > 0) ? followed : status;
+}
+
+int hda_mpc_tick(hda_mpc *k, double now, const hda_measurement *m, const double *path, double *torque) {
+    const hda_float caller = hda_float_hold();
+    const int status = tick(k, now, m, path, torque);
+    hda_float_restore(&caller);
+    return status;
+}
+
+void hda_mpc_prepare(hda_mpc *k) {
+    const hda_float caller = hda_float_hold();
+    prepare(k);
+    hda_float_restore(&caller);
 }
 
 int hda_mpc_recover(hda_mpc *k, double now, const hda_measurement *m) {

@@ -29,13 +29,14 @@ typedef long long bits __attribute__((vector_size(64)));
 
 /* Whether all entries lie from least to most; NaN does not. */
 static int within(const double *a, int count, double least, double most) {
+    const int whole = count / 8 * 8;
     bits wrong = {0};
-    int bad = 0, i = 0;
-    for (; i + 8 <= count; i += 8) {
+    int bad = 0;
+    for (int i = 0; i < whole; i += 8) {
         const wide v = *(const wide *)(a + i);
         wrong |= ~((v >= least) & (v <= most));
     }
-    for (; i < count; i++) bad |= !(a[i] >= least && a[i] <= most);
+    for (int i = whole; i < count; i++) bad |= !(a[i] >= least && a[i] <= most);
     for (int lane = 0; lane < 8; lane++) bad |= wrong[lane] != 0;
     return !bad;
 }

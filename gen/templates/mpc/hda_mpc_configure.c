@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "hda_guard_held.h"
+
 enum { NU = HDA_N, N = HDA_MPC_N, AXES = HDA_MPC_AXES, REALS = sizeof(hda_mpc_settings) / sizeof(double) };
 
 #define LONGEST_NODE 0.2 /* s */
@@ -48,12 +50,12 @@ static int wrong(const hda_mpc_settings *s, double period) {
     return limits(s);
 }
 
-int hda_mpc_configure(hda_mpc *k, const double *p, const hda_mpc_settings *settings, const hda_guard_config *config) {
+HDA_APART static int configure(hda_mpc *k, const double *p, const hda_mpc_settings *settings, const hda_guard_config *config) {
     if (!k || !p || !settings || !config) return HDA_MPC_CALL;
     if (hda_not_finite(p, HDA_NP)) return HDA_MPC_PARAMETER;
     const int refused = wrong(settings, config->period);
     if (refused) return refused;
-    const int guard = hda_guard_configure(&k->guard, config);
+    const int guard = hda_guard_configure_held(&k->guard, config);
     if (guard) return guard;
     memset((char *)k + sizeof k->guard, 0, sizeof *k - sizeof k->guard);
     k->settings = *settings;
@@ -63,7 +65,7 @@ int hda_mpc_configure(hda_mpc *k, const double *p, const hda_mpc_settings *setti
     return 0;
 }
 
-int hda_mpc_limit(hda_mpc *k, const hda_mpc_settings *settings) {
+HDA_APART static int limit(hda_mpc *k, const hda_mpc_settings *settings) {
     if (!k || !settings) return HDA_MPC_CALL;
     hda_mpc_settings moved = k->settings;
     memcpy(moved.position_low, settings->position_low, sizeof moved.position_low);
@@ -80,4 +82,18 @@ int hda_mpc_limit(hda_mpc *k, const hda_mpc_settings *settings) {
     hda_mpc_constants(k);
     k->prepared = 0;
     return 0;
+}
+
+int hda_mpc_configure(hda_mpc *k, const double *p, const hda_mpc_settings *settings, const hda_guard_config *config) {
+    const hda_float caller = hda_float_hold();
+    const int status = configure(k, p, settings, config);
+    hda_float_restore(&caller);
+    return status;
+}
+
+int hda_mpc_limit(hda_mpc *k, const hda_mpc_settings *settings) {
+    const hda_float caller = hda_float_hold();
+    const int status = limit(k, settings);
+    hda_float_restore(&caller);
+    return status;
 }

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "hda_float.h"
+
 enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, HARD = HDA_MPC_HARD, SIMPLES = HDA_MPC_SIMPLES, NG = HDA_MPC_NG };
 
 static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
@@ -68,7 +70,7 @@ int hda_mpc_beside(const hda_mpc *k, const double *path) {
     return unreached(k, path) ? HDA_MPC_UNREACHED : 0;
 }
 
-void hda_mpc_say(hda_mpc *k) {
+HDA_APART static void say(hda_mpc *k) {
     hda_mpc_report *r = &k->report;
     double y[HDA_MPC_NY], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
     memset(r->active_of, 0, sizeof r->active_of);
@@ -102,4 +104,10 @@ void hda_mpc_say(hda_mpc *k) {
     memcpy(r->yielded, k->yielded, sizeof r->yielded);
     for (int e = 0; e < N * NU; e++) r->plan[e] = full[e % NU] * k->T[e];
     for (int e = 0; e < N * NX; e++) r->predicted[e] = scale[e % NX] * k->x[NX + e];
+}
+
+void hda_mpc_say(hda_mpc *k) {
+    const hda_float caller = hda_float_hold();
+    say(k);
+    hda_float_restore(&caller);
 }

@@ -1,0 +1,139 @@
+"""What a measured current or torque does between the rows of a log: it is held, or it goes on.
+
+A loop that runs at the log's rate holds its output from row to row, and what is read in a row acted since the row
+before. A loop that runs faster than it is logged goes on between rows, and what is read is one instant of it: over the
+time between two rows the mean of both acts, and to take it as held is to drive the model half a period late. The motion
+tells which: the input is a sum of accelerations, speeds, directions and functions of angle, whose weights need not be
+known, and it is half a period earlier in one case than in the other.
+
+Legend: T rows, K even instants, F regressors; h time between rows, s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.channels import Even, even, noise
+from hdagen.log import Log
+from hdagen.plant import Arm, Array
+from hdagen.readings import joint_angles
+
+COMMANDS = "motor_current_command", "motor_torque_command"
+MOST = 20_000  # instants that are looked at
+SLOW = 0.02  # of the usual speed, at which a direction is half decided
+BLOCKS, SURE = 10, 3.0  # of time; standard errors over them
+ENDS = 3  # widths of the filter at each end of a log, in which it knows too little
+
+
+@dataclass(frozen=True)
+class BetweenRows:
+    """How a measured input is taken between rows: ``held`` since the row before, or else straight from row to row;
+    ``reason``, in words; ``uncertainty``: standard deviation of its mean from a row to the next, in its unit."""
+
+    held: bool
+    reason: str
+    uncertainty: float
+
+    def applied(self, values: Array) -> Array:
+        """What acts from each row to the next (T,) of an input that is read as ``values`` (T,)."""
+        following = np.append(values[1:], values[-1])
+        return following if self.held else (values + following) / 2
+
+    @property
+    def words(self) -> str:
+        """How it is taken, and why."""
+        taken = "as what acted before its row" if self.held else "on a straight line from row to row"
+        return f"taken {taken} ({self.reason})"
+
+
+def between_rows(arm: Arm, log: Log, joint: int, values: Array) -> BetweenRows:
+    """Judge by the motion whether the measured input ``values`` (T,) of a ``joint`` is held between rows.
+
+    Args:
+        arm: whose robot file says which torque a motion asks for; nothing that is fitted since counts.
+        log: positions by which the motion is known, times in s.
+        joint: its number, from 1.
+        values: the input as it is read in each row, A or N m (N).
+
+    Returns:
+        Held where that is sure, else straight.
+
+    """
+    command = next((log[name] for kind in COMMANDS if (name := f"{kind}_{joint}") in log), None)
+    if command is not None:
+        is_held = _settles(values, command)
+        reason = (
+            "it shows the command of the row before" if is_held else "it does not show the command of the row before"
+        )
+    else:
+        left = _unexplained(arm, log, joint, values)
+        is_held, reason = _surely_held(left), "the log is too short to tell whether it was held"
+        if len(left):
+            shares = np.sqrt(np.mean(left, 0))
+            reason = f"held, the motion leaves {100 * shares[0]:.2g} % of it, straight {100 * shares[1]:.2g} %"
+    white, strayed = noise(values), 0.0
+    if not is_held and len(values) > 2:  # at random, a path strays from the straight line by a 24th of how it bends
+        strayed = max(float(np.mean(np.diff(values, 2) ** 2)) - 6 * white**2, 0.0) / 24
+    return BetweenRows(is_held, reason, float(np.sqrt(white**2 / (1 if is_held else 2) + strayed)))
+
+
+def _settles(values: Array, command: Array) -> bool:
+    """Whether what is read in a row, ``values`` (T,), is the ``command`` (T,) of the row before, more than what was
+    commanded half a row earlier or later: then the drive comes to its command within a row and holds it."""
+    read, size = values[2:-1], float(command @ values) / max(float(command @ command), np.finfo(float).tiny)
+    before, at, after = (size * command[k : k + len(read)] for k in range(3))
+    off = [float(np.sum((read - one) ** 2)) for one in ((before + at) / 2, at, (at + after) / 2)]
+    return off[1] < min(off[0], off[2])
+
+
+def _surely_held(left: Array) -> bool:
+    """Whether what is ``left`` (BLOCKS, 2) if an input is held is surely less than if it is straight: a loop that runs
+    as slowly as it is logged is the exception."""
+    if not len(left):
+        return False
+    better = left[:, 1] - left[:, 0]
+    return bool(better.mean() > SURE * np.std(better) / np.sqrt(len(better)))
+
+
+def _unexplained(arm: Arm, log: Log, joint: int, values: Array) -> Array:
+    """Mean square that regressors of the motion leave of the input in blocks of time, if it is held and if it is
+    straight, as a share of the whole one's (BLOCKS, 2); empty where the log is too short to tell."""
+    grid = even(log.time)
+    grid = Even(grid.time, grid.time)
+    inside = slice(ENDS * grid.width, len(grid.time) - ENDS * grid.width, max(1, grid.width // 2, len(log) // MOST))
+    X = _regressors(arm, log, grid, joint)[inside]
+    if len(X) < 4 * X.shape[1]:
+        return np.empty((0, 2))
+    smooth = grid.smooth(grid.smooth(np.interp(grid.time, log.time, values)))
+    slope = grid.rate(smooth)
+    half, basis = grid.period / 2, np.linalg.qr(X)[0]
+    left = []
+    for ahead in (half, 0.0):
+        y = (smooth + ahead * slope + ahead**2 / 2 * grid.rate(slope))[inside]
+        squares = (y - basis @ (basis.T @ y)) ** 2 / max(float(np.mean(y**2)), np.finfo(float).tiny)
+        left.append([float(np.mean(block)) for block in np.array_split(squares, BLOCKS)])
+    return np.array(left).T
+
+
+def _regressors(arm: Arm, log: Log, grid: Even, joint: int) -> Array:
+    """What a joint's input goes into (K, F): the torque that the robot file asks for, accelerations of all that is
+    measured, the joint's own speeds and directions, and functions of its angle."""
+    nominal = arm.at(np.array([q.nominal for q in arm.parameters.described.values()]))
+
+    def once(values: Array) -> Array:
+        return grid.smooth(np.interp(grid.time, log.time, values))
+
+    q = np.stack([once(column) for column in joint_angles(nominal, log).T], 1)
+    v = np.stack([grid.rate(column) for column in q.T], 1)
+    a = np.stack([grid.rate(column) for column in v.T], 1)
+    asked = nominal.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=np.zeros(arm.nu - arm.n))
+    columns = [np.ones(len(q)), asked["joint_torque"][:, joint - 1], np.sin(q[:, joint - 1]), np.cos(q[:, joint - 1])]
+    columns += list(a.T)
+    own = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in log]
+    for name in own:
+        speed = grid.rate(once(log[name]))
+        slow = max(SLOW * float(np.std(speed)), np.finfo(float).tiny)
+        columns += [speed, np.tanh(speed / slow), grid.rate(speed)]
+    return np.column_stack([grid.smooth(column) / (float(np.std(column)) or 1.0) for column in columns])

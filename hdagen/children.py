@@ -1,0 +1,43 @@
+"""Child processes that end with this one, however it ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+_WATCH = ("/bin/sh", "-c", "read -r end; kill -9 0")  # first of its process group: ends it when the pipe does
+
+
+@contextmanager
+def start_together(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[Any]]:
+    """Start a child process in a process group of its own, which is killed when the block ends.
+
+    The group is killed as well when this process dies without a word: a shell in it waits for the end of a pipe that
+    only this process holds. An interrupt from the keyboard does not reach the group.
+
+    Args:
+        command: The program and its arguments.
+        how: Further arguments of `subprocess.Popen`.
+
+    Yields:
+        The child.
+
+    Raises:
+        OSError: It cannot be started.
+
+    """
+    with subprocess.Popen(_WATCH, stdin=subprocess.PIPE, process_group=0) as watch:
+        try:
+            with subprocess.Popen(command, process_group=watch.pid, **how) as child:
+                try:
+                    yield child
+                finally:
+                    if child.poll() is None:
+                        os.killpg(watch.pid, signal.SIGKILL)
+        finally:
+            if watch.poll() is None:
+                os.killpg(watch.pid, signal.SIGKILL)

@@ -1,0 +1,188 @@
+"""Where sets of effects may begin that are far from the robot file: a regression of the missing torque.
+
+A fit moves in small steps from the robot file's own numbers. Where the file leaves out several frictions at once, none
+of them alone is near anything. Along the measured motion, smoothed and differentiated, the missing torque is nearly
+linear in the sizes of the effects, so sets of them are found by least squares, without a simulation. The regressors are
+differences of the model's own torque balance, so that every effect has one that the balance shows.
+
+Legend: K instants, thinned to independent ones; B balances, a motor's or a link's each; C columns of the dictionary,
+and one more, the missing torque itself; θ (C) in usual sizes.
+Source: Gautier, Proc. IEEE ICRA (1997) 1801 (inverse dynamics identified from filtered motion); Pati, Rezaiifar,
+Krishnaprasad, Proc. Asilomar 27 (1993) 40 (orthogonal matching pursuit, here with a beam); Schwarz, Ann. Stat. 6
+(1978) 461 (what a further effect costs).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.diagnosis.bounds import Bounds, bounded
+from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary, is_broad
+from hdagen.diagnosis.missing import Sight
+from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.record import Record
+from hdagen.plant import Arm, Array
+from hdagen.together import together
+
+MOST = 4  # effects of a set
+BEAM = 3  # sets of a size that are enlarged
+LESS = 0.9  # of what a set leaves (rms) of a balance, that it may leave with one more effect
+FAR = 2.0  # usual sizes: what is larger is far from the robot file, and what is not is found from there
+MOST_ROWS, STRETCHES = 6000, 4  # of a log that are looked at, and in how many pieces
+FEWEST = 50  # instants of a balance
+SETTLED = 1e-2  # change of the logarithm of what a balance leaves, below which it stands
+ROUNDS = 5  # of weighing the balances
+RIDGE = 1e-6  # precision of a size that comes in all orders of magnitude
+DARK = 1e-9  # of the missing torque (rms), below which a column shows nothing of an effect
+
+
+@dataclass(frozen=True, eq=False)
+class Regressed:
+    """A set of effects (atoms of a dictionary) with their sizes ``theta`` (C), 0 elsewhere; ``left``: half of the sum
+    of n log of what each balance leaves (mean square), and what the sizes cost."""
+
+    atoms: tuple[int, ...]
+    theta: Array
+    left: float
+    by_balance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Cross products (B, C + 1, C + 1) of regressors and missing torque of each balance over ``counts`` (B) instants;
+    ``bounds`` of θ (C each) and its prior ``precision`` (C) with everything free."""
+
+    words: Dictionary
+    arm: Arm
+    products: Array
+    counts: Array
+    bounds: Bounds
+    precision: Array
+
+    @classmethod
+    def of(cls, arm: Arm, record: Record, words: Dictionary) -> Regression | None:
+        """Of what the fit may see of a record; None where that is too little motion."""
+        points = [arm.p, *_moved(arm, words)]
+        parts = [_balances(arm, part, points) for part in _sampled(record)]
+        seen = [[np.concatenate(pieces) for pieces in zip(*each, strict=True)] for each in zip(*parts, strict=True)]
+        none, *moved = seen
+        if min(map(len, none)) < FEWEST:
+            return None
+        products, steps = [], _steps(arm, words)
+        for b, y in enumerate(none):
+            X = np.column_stack([*((y - one[b]) / step for one, step in zip(moved, steps, strict=True)), y])
+            products.append(X.T @ X)
+        counts = np.array([len(y) for y in none])
+        free = words.meaning(tuple(range(len(words.atoms))))
+        described = list(arm.parameters.described.values())
+        precision = np.array([RIDGE if is_broad(described[c.index]) else SLAB**-2.0 for c in words.columns])
+        return cls(words, arm, np.stack(products), counts, free.bounds(arm), precision)
+
+    def far(self) -> dict[int, Array]:
+        """The sizes θ (C) of each effect by itself, by atom, where they are larger than `FAR`."""
+        alone = {k: self.fitted((k,)).theta for k in self._shown()}
+        return {k: theta for k, theta in alone.items() if np.abs(theta).max() > FAR}
+
+    def sets(self) -> list[Regressed]:
+        """The best set of each number of effects from two to MOST, as long as one more effect tells much, of those in
+        which one is larger than `FAR`; the smallest first."""
+        shown, beam = self._shown(), [self.fitted(())]
+        found: list[Regressed] = []
+        for _ in range(MOST):
+            further: dict[tuple[int, ...], Regressed] = {}
+            for atoms in (atoms for one in beam for atoms in self._enlarged(one.atoms, shown)):
+                if atoms not in further:
+                    further[atoms] = self.fitted(atoms)
+            less, beam = beam[0], sorted(further.values(), key=lambda one: one.left)[:BEAM]
+            if not beam or not self._tells(beam[0], less):
+                break
+            found.append(beam[0])
+        return [one for one in found[1:] if np.abs(one.theta).max() > FAR]
+
+    def _enlarged(self, atoms: tuple[int, ...], shown: Sequence[int]) -> Iterator[tuple[int, ...]]:
+        """A set with each further effect that says something beside it."""
+        names = self.words.names(atoms)
+        for k in shown:
+            if self.words.atoms[k].name not in names and self.words.fits(self.arm, k, atoms):
+                yield tuple(sorted((*atoms, k)))
+
+    def fitted(self, atoms: tuple[int, ...]) -> Regressed:
+        """A set of effects, with the base parameters and a little of the effects that are such within what is tolerated
+        of them, each balance weighed by what it leaves."""
+        free = np.array([i for i, c in enumerate(self.words.columns) if c.base or c.atom in atoms], int)
+        own = np.array([self.words.columns[i].atom in atoms for i in free], bool)
+        precision = np.where(own, self.precision[free], self.words.spike[free] ** -2.0)
+        most = np.where(own, np.inf, TOLERATED * self.words.spike[free])
+        within = np.clip(self.bounds[0][free], -most, None), np.clip(self.bounds[1][free], None, most)
+        N, b, c = self.products[:, free[:, None], free], self.products[:, free, -1], self.products[:, -1, -1]
+        theta, left = np.zeros(len(free)), c / self.counts
+        for _ in range(ROUNDS):
+            weight, old = 1.0 / np.maximum(left, np.finfo(float).tiny), left
+            H, g = np.tensordot(weight, N, 1) + np.diag(precision), weight @ b
+            theta = bounded(H, g, np.asarray(np.linalg.solve(H, g), float), within)
+            least = 1e-12 * c
+            left = np.maximum(c - 2.0 * b @ theta + np.einsum("i,bij,j->b", theta, N, theta), least) / self.counts
+            if np.abs(np.log(left / old)).max() < SETTLED:
+                break
+        cost = 0.5 * float(self.counts @ np.log(left)) + 0.5 * float((precision * theta**2).sum())
+        cost += 0.5 * math.log(float(self.counts.sum())) * int(own.sum())
+        whole = np.zeros(len(self.words.columns))
+        whole[free[own]] = theta[own]
+        return Regressed(atoms, whole, cost, left)
+
+    def _shown(self) -> list[int]:
+        """The atoms of which a balance shows something."""
+        power = np.einsum("bcc->bc", self.products)
+        shows = (power[:, :-1] > DARK**2 * power[:, -1:]).any(0)
+        return sorted({c.atom for c, told in zip(self.words.columns, shows, strict=True) if c.atom >= 0 and told})
+
+    def _tells(self, more: Regressed, less: Regressed) -> bool:
+        """Whether a set with one more effect leaves so much less of a balance that it is worth a start."""
+        return more.left < less.left and bool((more.by_balance < LESS**2 * less.by_balance).any())
+
+
+def _sampled(record: Record) -> list[Portion]:
+    """What the fit may see of a record; of a long log's, of stretches all over it."""
+    log, pieces = record.log, 1 if len(record.log) <= MOST_ROWS else STRETCHES
+    firsts = np.linspace(0, len(log), pieces, endpoint=False).astype(int)
+    length = min(len(log), MOST_ROWS // pieces)
+    return [Portion(log.rows(a, a + length), record.shown[a : a + length]) for a in firsts.tolist()]
+
+
+def _steps(arm: Arm, words: Dictionary) -> list[float]:
+    """Usual sizes by which each parameter is moved for its regressor, away from a bound."""
+    described = list(arm.parameters.described.values())
+    return [
+        1.0 if described[c.index].low <= c.center + c.unit <= described[c.index].high else -1.0 for c in words.columns
+    ]
+
+
+def _moved(arm: Arm, words: Dictionary) -> list[Array]:
+    """The robot file's parameters (np) with each column's moved by a usual size, its atom in its shape."""
+    found = []
+    for c, step in zip(words.columns, _steps(arm, words), strict=True):
+        p = arm.p.copy()
+        if c.atom >= 0:
+            words.atoms[c.atom].shape(arm, p)
+        p[c.index] = c.center + step * c.unit
+        found.append(p)
+    return found
+
+
+def _balances(arm: Arm, part: Portion, points: Sequence[Array]) -> list[list[Array]]:
+    """The missing torque of each balance (B) at some parameters (np) in independent instants in which its motor
+    slides."""
+    sight = Sight(arm, part.log, arm.p, arm.p, {}, ())
+    seen = sight.kept & part.at(sight.time)
+    sliding = [np.flatnonzero(seen & sight.slides(j))[:: sight.grid.width] for j in range(1, arm.n + 1)]
+
+    def balances(p: Array) -> list[Array]:
+        missing = sight.missing(p)
+        sides = [missing.motor] if missing.link is None else [missing.motor, missing.link]
+        return [side[rows, b] for side in sides for b, rows in enumerate(sliding)]
+
+    return together(balances, points)

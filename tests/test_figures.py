@@ -1,0 +1,97 @@
+"""README and docs state what the last runs measured, and every bar as it was reached."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hdagen import figures
+from hdagen.bench import Bar
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = figures.documents(ROOT)
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, Any]:
+    return figures.read(ROOT)
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_a_document_is_what_the_last_runs_make_it(path: Path, found: dict[str, Any]) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert figures.updated(text, found) == text, "call `python -m hdagen.figures` in the project's folder"
+
+
+def test_every_table_stands_somewhere() -> None:
+    text = "".join(path.read_text(encoding="utf-8") for path in DOCUMENTS)
+    assert [name for name in figures.TABLES if f"<!-- {name}: begin -->" not in text] == []
+
+
+def test_the_bars_of_the_last_run_are_those_of_today(found: dict[str, Any]) -> None:
+    asked = tomllib.loads((resources.files("hdagen") / "bars.toml").read_text())
+    bars = {bar["name"]: Bar(**bar) for bar in found["bench"]["bars"]}
+    assert {name: (bar.bar, bar.bound, bar.unit) for name, bar in bars.items()} == {
+        name: (entry["bar"], entry["bound"], entry["unit"]) for name, entry in asked.items()
+    }, "call `hdagen bench --json > docs/bench.json`, then `python -m hdagen.figures`"
+    for bar in bars.values():
+        reached = bar.reached >= bar.bar if bar.bound == "least" else bar.reached <= bar.bar
+        assert bar.met in (reached, None)
+
+
+def test_a_missed_bar_stands_there_as_missed(found: dict[str, Any]) -> None:
+    changed = copy.deepcopy(found)
+    (bar,) = (bar for bar in changed["bench"]["bars"] if bar["name"] == "python_call_over_empty_call")
+    bar |= {"bar": 150.0, "reached": 165.0, "met": False}
+    for table in (figures.reached, figures.bench):
+        (line,) = (line for line in table(changed).splitlines() if "165" in line)
+        assert "at most 150 ns" in line
+        assert "**missed by 10 %**" in line
+    bar |= {"reached": 140.0, "met": True}
+    assert "missed by 10 %" not in figures.bench(changed)
+
+
+def test_a_figure_says_where_and_when_it_was_measured(found: dict[str, Any]) -> None:
+    changed = copy.deepcopy(found)
+    changed["bench"]["machine"] |= {"date": "2031-02-03", "load": "0.1"}
+    assert "2031-02-03" in figures.reached(changed) and ", idle;" in figures.reached(changed)
+    changed["bench"]["machine"]["load"] = "7.3"
+    assert "7.3 other programs" in figures.reached(changed)
+
+
+def test_a_marker_alone_is_refused(found: dict[str, Any]) -> None:
+    assert figures.updated("no marker", found) == "no marker"
+    with pytest.raises(ValueError, match="stand in this order"):
+        figures.updated("<!-- blind: begin -->\nand the rest of the document", found)
+
+
+def test_the_command_prints_what_it_changed(
+    found: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert figures.main() == 2
+    assert "there is no such file" in capsys.readouterr().err
+    for path, _ in figures.SOURCES.values():
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_bytes((ROOT / path).read_bytes())
+    (tmp_path / "README.md").write_text("before\n<!-- blind: begin -->\nold\n<!-- blind: end -->\nafter\n")
+    assert figures.main() == 0
+    assert capsys.readouterr().out == "README.md\n"
+    text = (tmp_path / "README.md").read_text()
+    assert text.startswith("before\n<!-- blind: begin -->\n| measured on |") and text.endswith("end -->\nafter\n")
+    assert figures.main() == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_the_page_of_the_real_machine_says_the_same(found: dict[str, Any]) -> None:
+    text = (ROOT / "docs" / "examples" / "emps" / "README.md").read_text(encoding="utf-8")
+    (replayed,) = (line for line in text.splitlines() if line.startswith("| replay |"))
+    (forces,) = (line for line in text.splitlines() if line.startswith("| force error |"))
+    for log, cell in (("identification", 2), ("pulses", 3)):
+        assert replayed.split("|")[cell].strip() == f"{1e3 * found[log]['errors']['joint_position_1']:.3f} mm"
+        assert forces.split("|")[cell].strip().startswith(f"{100 * found[log]['force_error'][0]:.1f} %")
