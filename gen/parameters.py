@@ -23,7 +23,7 @@ MOTOR = (
     "law_torque",
 )
 DISSIPATING = ("viscous_friction", "coulomb_friction", "torsional_damping")
-LOSSES = 20.0  # times the nominal that a drive may lose when cold, worn or badly greased
+LOSSES = 20.0  # times the nominal damping that a spring may have when it is cold or worn
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ def parameters(robot: Robot) -> tuple[ParameterValue, ...]:
 
     What a drive does not have (springs if rigid, a torque constant if its input is torque) is left out.
     Bounds: from a third of the nominal to three times it, or as far from 0 as the key's ``width`` where it is 0,
-    within the physical range; what dissipates from nothing to LOSSES times the nominal, as it ages and warms up,
-    to its physical range where the nominal is 0; a
-    lumped inertia may be negative; a prismatic joint's length is 0.
+    within the physical range; a motor's friction from nothing to its physical range, as what a file states may be a
+    guess, or a gear's where a whole joint's is meant; damping of a spring from nothing to LOSSES times the nominal, to
+    its physical range where that is 0; a lumped inertia may be negative; a prismatic joint's length is 0.
     """
     gravity = keys("")["gravity"]
     values = [
@@ -73,7 +73,8 @@ def _bounds(key: Key, kind: str, nominal: float) -> tuple[float, float]:
     if key.name == "length" and kind == "prismatic":
         return 0.0, 0.0
     least = -key.range.high if key.name == "inertia" and nominal < 0 else key.range.low
-    if key.name in DISSIPATING:  # of one that is left out nothing says how large it may be
-        return 0.0, min(LOSSES * nominal, key.range.high) if nominal else key.range.high
+    if key.name in DISSIPATING:
+        stated = key.name == "torsional_damping" and nominal
+        return 0.0, min(LOSSES * nominal, key.range.high) if stated else key.range.high
     low, high = sorted((nominal / 3, nominal * 3)) if nominal else (-key.width, key.width)
     return max(low, least), min(high, key.range.high)

@@ -208,8 +208,9 @@ def _agrees(found: Arm, out: Path, wanted: Arm) -> None:
 
 
 def _derived(name: str, found: Arm) -> bool:
-    """Whether a parameter follows from others: the smoothing of friction, and the springs at which a drive was built
-    that the file calls rigid, of which the stated compliance says all that counts."""
+    """Whether a parameter follows from others: the smoothing of friction and the step of memories, which are of the
+    integration, and the springs at which a drive was built that the file calls rigid, of which the stated compliance
+    says all that counts."""
     key, _, joint = name.rpartition("_")
     given = joint.isdigit() and found.robot["joints"][int(joint) - 1]["drive"]["compliant"]
-    return key == "friction_smoothing" or (given and key in SPRINGS)
+    return name == "memory_step" or key == "friction_smoothing" or (given and key in SPRINGS)

@@ -23,6 +23,7 @@ from hdagen.readings import joint_angles
 COMMANDS = "motor_current_command", "motor_torque_command"
 MOST = 20_000  # instants that are looked at
 SLOW = 0.02  # of the usual speed, at which a direction is half decided
+BLOCKS, SURE = 10, 3.0  # of time; standard errors over them
 ENDS = 3  # widths of the filter at each end of a log, in which it knows too little
 
 
@@ -57,7 +58,7 @@ def between_rows(arm: Arm, log: Log, joint: int, values: Array) -> BetweenRows:
         values: the input as it is read in each row, A or N m (N).
 
     Returns:
-        The better of both; straight where the motion tells nothing.
+        Held where that is sure, else straight.
 
     """
     command = next((log[name] for kind in COMMANDS if (name := f"{kind}_{joint}") in log), None)
@@ -66,11 +67,12 @@ def between_rows(arm: Arm, log: Log, joint: int, values: Array) -> BetweenRows:
         reason = (
             "it shows the command of the row before" if is_held else "it does not show the command of the row before"
         )
-    elif (left := _unexplained(arm, log, joint, values)) is not None:
-        is_held = left[0] < left[1]
-        reason = f"held, the motion leaves {100 * left[0]:.2g} % of it, straight {100 * left[1]:.2g} %"
     else:
-        is_held, reason = False, "the log is too short to tell whether it was held"
+        left = _unexplained(arm, log, joint, values)
+        is_held, reason = _surely_held(left), "the log is too short to tell whether it was held"
+        if len(left):
+            shares = np.sqrt(np.mean(left, 0))
+            reason = f"held, the motion leaves {100 * shares[0]:.2g} % of it, straight {100 * shares[1]:.2g} %"
     white, strayed = noise(values), 0.0
     if not is_held and len(values) > 2:  # at random, a path strays from the straight line by a 24th of how it bends
         strayed = max(float(np.mean(np.diff(values, 2) ** 2)) - 6 * white**2, 0.0) / 24
@@ -86,25 +88,33 @@ def _settles(values: Array, command: Array) -> bool:
     return off[1] < min(off[0], off[2])
 
 
-def _unexplained(arm: Arm, log: Log, joint: int, values: Array) -> tuple[float, float] | None:
-    """Share of the input that regressors of the motion leave, if it is held and if it is straight; None where the log
-    is too short to tell."""
+def _surely_held(left: Array) -> bool:
+    """Whether what is ``left`` (BLOCKS, 2) if an input is held is surely less than if it is straight: a loop that runs
+    as slowly as it is logged is the exception."""
+    if not len(left):
+        return False
+    better = left[:, 1] - left[:, 0]
+    return bool(better.mean() > SURE * np.std(better) / np.sqrt(len(better)))
+
+
+def _unexplained(arm: Arm, log: Log, joint: int, values: Array) -> Array:
+    """Mean square that regressors of the motion leave of the input in blocks of time, if it is held and if it is
+    straight, as a share of the whole one's (BLOCKS, 2); empty where the log is too short to tell."""
     grid = even(log.time)
     grid = Even(grid.time, grid.time)
     inside = slice(ENDS * grid.width, len(grid.time) - ENDS * grid.width, max(1, grid.width // 2, len(log) // MOST))
     X = _regressors(arm, log, grid, joint)[inside]
     if len(X) < 4 * X.shape[1]:
-        return None
+        return np.empty((0, 2))
     smooth = grid.smooth(grid.smooth(np.interp(grid.time, log.time, values)))
     slope = grid.rate(smooth)
-    half = grid.period / 2
-    basis = np.linalg.qr(X)[0]
-    shares = []
+    half, basis = grid.period / 2, np.linalg.qr(X)[0]
+    left = []
     for ahead in (half, 0.0):
         y = (smooth + ahead * slope + ahead**2 / 2 * grid.rate(slope))[inside]
-        left = y - basis @ (basis.T @ y)
-        shares.append(float(np.sqrt(left @ left / max(float(y @ y), np.finfo(float).tiny))))
-    return shares[0], shares[1]
+        squares = (y - basis @ (basis.T @ y)) ** 2 / max(float(np.mean(y**2)), np.finfo(float).tiny)
+        left.append([float(np.mean(block)) for block in np.array_split(squares, BLOCKS)])
+    return np.array(left).T
 
 
 def _regressors(arm: Arm, log: Log, grid: Even, joint: int) -> Array:

@@ -37,9 +37,9 @@ def identity(robot: Mapping[str, Any]) -> str:
 
 
 def _rounded(value: Any) -> Any:
-    """The same with every number to `DIGITS` digits."""
+    """The same with every number to `DIGITS` digits, and without what is not there."""
     if isinstance(value, Mapping):
-        return {key: _rounded(part) for key, part in value.items()}
+        return {key: _rounded(part) for key, part in value.items() if part is not None and part is not False}
     if isinstance(value, list | tuple):
         return [_rounded(part) for part in value]
     if isinstance(value, bool) or not isinstance(value, int | float):

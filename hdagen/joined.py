@@ -37,4 +37,7 @@ def joined(logs: Sequence[Log]) -> Log:
         notes.append(f"Not in every log, and left out: {', '.join(left)}.")
     columns = {name: np.concatenate([log[name] for log in logs]) for name in shared}
     source = ", ".join(log.source for log in logs)
-    return Log(np.concatenate(times), columns, first.n_joints, source, tuple(dict.fromkeys(notes)))
+    off = max(log.time_uncertainty for log in logs)
+    return Log(
+        np.concatenate(times), columns, first.n_joints, source, tuple(dict.fromkeys(notes)), time_uncertainty=off
+    )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from hdagen import columns_toml, table
+from hdagen.clock import judge_clock, spread_repeated
 from hdagen.columns import ColumnMap, ColumnsError, Mapped, Source, split_name
 from hdagen.csvfile import read_csv
 from hdagen.input_file import InputFileError, check_file
@@ -27,6 +28,7 @@ _POSITIONS = ("motor_position", "joint_position")
 _SLOWEST = 0.2  # s between rows; a control log is faster, so an undeclared unit is taken for ms, us or ns
 _FASTEST = 1e-6  # s
 _HUGE = 1e9  # SI; no channel of an arm reaches it
+_CHANGED = 0.1  # share of the rows with a repeated stamp that are rows of their own, where a clock is coarse
 _GAP = 1.75  # periods between rows that count as a gap: two where one row is missing, less a quarter of jitter
 
 
@@ -35,7 +37,8 @@ class Log:
     """One row a sample. ``time`` (T,) in s, increasing; ``columns`` float64 (T,) by name (``motor_current_1``, …), SI.
 
     Row k holds what is sampled at time[k]; a command in row k is held from there to the next row.
-    ``notes`` says, in sentences, what was converted or repaired.
+    ``notes`` says, in sentences, what was converted or repaired. ``stamps`` (T,): the time column as it was logged,
+    where ``time`` is a better clock; else None. ``time_uncertainty``: standard deviation of ``time``, s.
     """
 
     time: np.ndarray
@@ -43,6 +46,8 @@ class Log:
     n_joints: int
     source: str
     notes: tuple[str, ...] = ()
+    stamps: np.ndarray | None = None
+    time_uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
         for name, values in self.columns.items():
@@ -70,10 +75,20 @@ class Log:
         """Median time between rows, s."""
         return float(np.median(np.diff(self.time)))
 
+    @property
+    def logged_time(self) -> np.ndarray:
+        """The time column as it was logged, (T,), s."""
+        return self.time if self.stamps is None else self.stamps
+
     def rows(self, start: int, stop: int) -> Log:
         """The rows start … stop − 1, counted from 0, as views."""
-        part = {name: values[start:stop] for name, values in self.columns.items()}
-        return Log(self.time[start:stop], part, self.n_joints, self.source, self.notes)
+        return self.taken(slice(start, stop))
+
+    def taken(self, rows: np.ndarray | slice) -> Log:
+        """Some rows, by numbers, by a mask or as a slice."""
+        part = {name: values[rows] for name, values in self.columns.items()}
+        stamps = None if self.stamps is None else self.stamps[rows]
+        return replace(self, time=self.time[rows], columns=part, stamps=stamps)
 
 
 def read(path: Path | str, columns: Path | str | None = None, joints: int | None = None, holes: bool = False) -> Log:
@@ -87,6 +102,8 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     mapping = columns_toml.load(columns) if columns is not None else ColumnMap({})
     raw = _read_table(path, mapping)
     mapped = mapping.apply(raw)
+    logged = mapped.time
+    mapped = _with_spread_stamps(mapped, mapping.sources.get("time"))
     problems = _check_columns(path, raw, mapped, joints)
     if mapped.time is not None:
         problems += _check_time(path, raw, mapped, mapped.time, mapping.sources.get("time"))
@@ -107,9 +124,10 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     ignored = [name for name in raw.names if name and not mapping.reads(name)]
     if ignored:
         notes.append(f"Columns not used: {list_some(ignored, 12)}.")
-    notes += _gap_notes(time, raw, part)
-    said = tuple(printable(note) for note in (*raw.notes, *mapped.notes, *notes))
-    return Log(time, values, _count_joints(values), printable(path), said)
+    stamps = None if logged is None or logged is mapped.time else logged[part]
+    log = _on_better_clock(Log(time, values, _count_joints(values), printable(path), tuple(mapped.notes), stamps))
+    said = (*raw.notes, *log.notes, *notes, *_gap_notes(log.time, raw, part))
+    return replace(log, notes=tuple(printable(note) for note in said))
 
 
 def write(log: Log | Mapping[str, np.ndarray], path: Path | str) -> None:
@@ -117,7 +135,7 @@ def write(log: Log | Mapping[str, np.ndarray], path: Path | str) -> None:
 
     The file appears whole or not at all. Raises LogError.
     """
-    table.write({"time": log.time, **log.columns} if isinstance(log, Log) else log, path)
+    table.write({"time": log.logged_time, **log.columns} if isinstance(log, Log) else log, path)
 
 
 def gaps(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,6 +150,30 @@ def parts(time: np.ndarray, longest: float) -> list[tuple[int, int]]:
     """Rows [start, stop) between the steps of ``time`` (T,), s, that are longer than ``longest``."""
     cuts = [0, *(np.flatnonzero(np.diff(time) > longest) + 1).tolist(), len(time)]
     return [(a, b) for a, b in pairwise(cuts) if b > a]
+
+
+def _with_spread_stamps(mapped: Mapped, source: Source | None) -> Mapped:
+    """Even time where stamps repeat because their clock is coarse; the stamps where a columns.toml says what to do."""
+    inside = slice(mapped.start, mapped.stop)
+    if mapped.time is None or (source and source.duplicates) or not np.isfinite(mapped.time[inside]).all():
+        return mapped
+    repeats = np.flatnonzero(np.diff(mapped.time[inside]) == 0) + inside.start
+    changed = [values[repeats + 1] != values[repeats] for values in mapped.columns.values()]
+    clock = spread_repeated(mapped.time[inside])
+    if clock is None or np.mean(np.any(changed, axis=0)) < _CHANGED:  # rows that were written twice
+        return mapped
+    time = mapped.time.copy()
+    time[inside] = clock.time
+    return replace(mapped, time=time, notes=(*mapped.notes, clock.note))
+
+
+def _on_better_clock(log: Log) -> Log:
+    """The log on the clock that its encoders bear out, and what that leaves uncertain."""
+    paths = {name: values for name, values in log.columns.items() if (split_name(name) or ("", 0))[0] in _POSITIONS}
+    clock = judge_clock(log.time, paths)
+    notes = (*log.notes, clock.note) if clock.note else log.notes
+    stamps = log.stamps if clock.time is log.time else log.logged_time
+    return replace(log, time=clock.time, notes=notes, stamps=stamps, time_uncertainty=clock.uncertainty)
 
 
 def check_log(path: Path) -> None:
@@ -213,7 +255,8 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source
         k = int(same[0])
         problems.append(
             f"{path}, {raw.place(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)} in all: "
-            'log time with more digits, or keep the first of each with columns.toml [time] duplicates = "first".'
+            "log time with more digits; or, in columns.toml under [time], give the period, where rows are even, or "
+            'keep the first of each with duplicates = "first".'
         )
     step = float(np.median(steps))
     if not declared and not len(back) and step >= _SLOWEST:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.channels import describe
+from hdagen.clock import clock_noise
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.torques import full_torsion
@@ -44,7 +45,8 @@ def joint_angles(arm: Arm, log: Log) -> Array:
 class Readings:
     """The channels, M of them, joint after joint, motor before joint: ``measured`` (T, M); for each its name, the
     output of the arm that it shows (name, joint), the state that it reads and the factor it reads it with, and the
-    standard deviation of its noise as the robot file gives it (0: not stated)."""
+    standard deviation of its noise as the robot file gives it (0: not stated). ``time`` (T,) of the rows, s, and its
+    ``uncertainty``."""
 
     names: tuple[str, ...]
     outputs: tuple[tuple[str, int], ...]
@@ -52,6 +54,8 @@ class Readings:
     factors: Array
     noise: Array
     measured: Array
+    time: Array
+    uncertainty: float
 
     @classmethod
     def of(cls, arm: Arm, log: Log) -> Readings:
@@ -70,13 +74,18 @@ class Readings:
                     noise = encoder_noise(stated, side) if quantity == "position" else 0.0
                     found.append((name, (f"{side}_{quantity}", j), place, factor, noise, log[name]))
         names, outputs, places, factors, noise, measured = zip(*found, strict=True)
-        return cls(names, outputs, places, np.array(factors), np.array(noise), np.stack(measured, 1))
+        read = np.stack(measured, 1)
+        return cls(names, outputs, places, np.array(factors), np.array(noise), read, log.time, log.time_uncertainty)
 
     def noise_before(self, row: int) -> Array:
-        """Standard deviation of each channel's noise (M): as stated, else as the rows up to ``row`` show."""
-        recent = self.measured[max(0, row + 1 - RECENT) : row + 1]
-        shown = [describe(name, recent[:, k]).noise if not self.noise[k] else 0.0 for k, name in enumerate(self.names)]
-        return np.maximum(np.maximum(self.noise, shown), _LEAST * np.abs(self.factors))
+        """Standard deviation of each channel's noise (M): as stated, with what the clock leaves uncertain at the speeds
+        of the rows up to ``row``; else as those rows show."""
+        rows = slice(max(0, row + 1 - RECENT), row + 1)
+        recent, found = self.measured[rows], self.noise.copy()
+        for k, (name, stated) in enumerate(zip(self.names, self.noise, strict=True)):
+            clock = clock_noise(self.time[rows], recent[:, k], self.uncertainty)
+            found[k] = math.hypot(stated, np.sqrt(np.mean(clock**2))) if stated else describe(name, recent[:, k]).noise
+        return np.maximum(found, _LEAST * np.abs(self.factors))
 
     def say_all(self, arm: Arm) -> bool:
         """Whether every position and velocity of the state is read."""

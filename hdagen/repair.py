@@ -10,7 +10,7 @@ mistake but a finding: the diagnosis has it among its candidates.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
 from hdagen.shared_motion import POSITIONS, Mask, fresh_rows, shared_motion
 from hdagen.stretches import stretches
-from hdagen.suspicion import against_model
+from hdagen.suspicion import against_model, drift
 from hdagen.suspicion.finding import Finding, Severity, in_words
 from hdagen.suspicion.misread import misread
 from hdagen.table import Table
@@ -32,6 +32,7 @@ from hdagen.triage import Triage, look
 
 SHORTEST = 1.0  # s
 _MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # findings whose repair leaves no choice
+_CONTRADICTED = "contradicted"  # a finding that is no more than a warning, and is repaired too
 _ROUNDS = 4  # one mistake can hide another
 _EMPTY = 0.5  # share of a column without a value from which the column is left out, not the rows
 _LOST = 0.1  # share of rows that may be missing
@@ -72,16 +73,44 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
         if not mended:
             break
         log = _applied(log, mended)
-        repairs += [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
+        repairs += _said(mended)
     else:
         seen = look(log, arm.robot)
     problems = [f"{log.source}: {f.sentence}" for f in findings if f.severity is Severity.REFUSE]
     problems += _too_little(log, seen)
     if problems:
         raise LogError(list(dict.fromkeys(problems)))
-    repairs += _gaps(log)
+    log, drifting = _on_one_clock(log, arm)
+    repairs += drifting + _gaps(log)
     notes = (*log.notes, *(one.sentence for one in repairs))
-    return Log(log.time, log.columns, log.n_joints, log.source, tuple(dict.fromkeys(notes))), repairs, seen
+    return replace(log, notes=tuple(dict.fromkeys(notes))), repairs, seen
+
+
+def as_measured(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """``log`` as a replay with ``arm`` can use it, and what was done: without channels that contradict another one, or
+    with those scaled where the factor is plain, and with the encoders of each joint on one clock."""
+    repairs: list[Repair] = []
+    if any("_velocity_" in name for name in log.columns):
+        found = [finding for finding in look(log, arm.robot).findings if finding.name == _CONTRADICTED]
+        log, repairs = (_applied(log, found), _said(found)) if found else (log, [])
+    log, drifting = _on_one_clock(log, arm)
+    return log, repairs + drifting
+
+
+def _on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
+    """The log with what a joint's own encoder reads brought to its motor's clock, where the two drift apart."""
+    repairs = []
+    ratios = [joint["drive"]["ratio"]["nominal"] for joint in arm.robot["joints"]]
+    for joint, rate in drift.drifts(log, ratios).items():
+        log = drift.on_motor_clock(log, joint, rate)
+        over = 1e3 * abs(rate) * float(np.ptp(log.time))
+        ever = "ever later" if rate > 0 else "ever earlier"
+        sentence = (
+            f"joint_position_{joint} is read {ever} than motor_position_{joint}, by {over:.3g} ms over the log: two "
+            f"clocks, {1e6 * abs(rate):.3g} ppm apart. Read here on the motor's; record both on one clock."
+        )
+        repairs.append(Repair("drift", joint, sentence))
+    return log, repairs
 
 
 def prepared(
@@ -106,7 +135,9 @@ def prepared(
         raise LogError(twice + problems)
     seen = [one for _, _, one in done if one]
     of_first = seen[0].data()
-    said = {name: of_first[name] for name in ("rows", "jitter", "dropped", "gaps", "lags", "missing", "channels")}
+    said = {
+        name: of_first[name] for name in ("rows", "jitter", "clock", "dropped", "gaps", "lags", "missing", "channels")
+    }
     said["skews"] = list(
         dict.fromkeys(f.sentence for one in seen[: len(logs)] for f in one.findings if f.name == "skew")
     )
@@ -199,10 +230,16 @@ def _mendable(findings: list[Finding]) -> list[Finding]:
     """The findings whose repair leaves no choice, one a column: several things can tell the same mistake."""
     found: dict[str, Finding] = {}
     for finding in findings:
-        if finding.severity is Severity.REFUSE and finding.name in _MENDED and finding.repair:
+        refused = finding.severity is Severity.REFUSE and finding.name in _MENDED
+        if finding.repair and (refused or finding.name == _CONTRADICTED):
             for column in finding.repair:
                 found.setdefault(column if column != "ignore" else finding.sentence, finding)
     return list(dict.fromkeys(found.values()))
+
+
+def _said(mended: list[Finding]) -> list[Repair]:
+    """What was done to mend them."""
+    return [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
 
 
 def _applied(log: Log, mended: list[Finding]) -> Log:
@@ -216,9 +253,8 @@ def _applied(log: Log, mended: list[Finding]) -> Log:
                 tables.setdefault(column, {}).update(table)
     mapping = columns_toml.check(tables, Path("columns.toml"))
     mapped = mapping.apply(Table({"time": log.time, **log.columns}, ("time", *log.columns), None, ()))
-    rows = slice(mapped.start, mapped.stop)
-    columns = {name: np.ascontiguousarray(values[rows]) for name, values in mapped.columns.items()}
-    return Log(log.time[rows], columns, log.n_joints, log.source, log.notes)
+    whole = replace(log, columns=mapped.columns).rows(mapped.start, mapped.stop)
+    return replace(whole, columns={name: np.ascontiguousarray(values) for name, values in whole.columns.items()})
 
 
 def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
@@ -235,7 +271,7 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     for name in columns:
         bad |= missing[name]
     if not bad.any():
-        return (Log(log.time, columns, log.n_joints, log.source, log.notes) if empty else log), repairs
+        return (replace(log, columns=columns) if empty else log), repairs
     first, after = stretches(bad).T
     lengths = after - first
     where = ", ".join(name for name in columns if missing[name].any())
@@ -245,11 +281,9 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     )
     if np.mean(bad) > _LOST or np.count_nonzero(~bad) < 2:
         raise LogError([f"{log.source}: {says}: too many; record with a logger that keeps up, or cut the log there."])
-    kept = ~bad
     sentence = f"{says}: these rows are taken out, and long runs cut the log; record with a logger that keeps up."
     repairs.append(Repair("missing", 0, sentence))
-    columns = {name: values[kept] for name, values in columns.items()}
-    return Log(log.time[kept], columns, log.n_joints, log.source, log.notes), repairs
+    return replace(log, columns=columns).taken(~bad), repairs
 
 
 def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
@@ -264,8 +298,7 @@ def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
         )
     taken = "these rows are taken out; look at what the logger wrote there."
     repairs = [Repair(one.name, one.joint, f"{one.sentence}: {taken}") for one in found]
-    columns = {name: values[~bad] for name, values in log.columns.items()}
-    return Log(log.time[~bad], columns, log.n_joints, log.source, log.notes), repairs
+    return log.taken(~bad), repairs
 
 
 def _too_little(log: Log, seen: Triage) -> list[str]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from hdagen import late, verdict
 from hdagen.between_rows import between_rows
 from hdagen.channels import describe
+from hdagen.clock import clock_noise
 from hdagen.kalman import estimate
 from hdagen.log import Log, LogError, parts
 from hdagen.plant import Arm, Array, PlantError
@@ -310,7 +311,7 @@ def _moves(log: Log, readings: Readings) -> str | None:
 def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes: list[str]) -> Replay:
     """The replay that ``states`` (T, nx) are, with what acts at each row ``shown`` (T, nu), against the measured."""
     seen = late.read(arm, log.time, states, shown)
-    columns = {"time": log.time}
+    columns = {"time": log.logged_time}
     for j in range(1, arm.n + 1):
         columns |= _input_column(arm, log, j, shown[:, j - 1])
         columns[f"motor_position_{j}"] = np.ascontiguousarray(seen["motor_position"][:, j - 1])
@@ -325,7 +326,7 @@ def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes
         columns=columns,
         states=states,
         errors=errors,
-        noise={name: _noise(arm, name, values) for name, values in measured.items()},
+        noise={name: channel_noise(arm, log, name) for name in measured},
         relative={name: errors[name] / size[name] for name in errors if size[name]},
         starts=starts,
         beyond_law=beyond,
@@ -357,15 +358,31 @@ def _constant(arm: Arm, j: int) -> float:
     return arm.parameters.described[f"torque_constant_{j}"].nominal
 
 
-def _noise(arm: Arm, name: str, values: Array) -> float:
-    """Standard deviation of a channel's noise: as the robot file states, else as the channel shows."""
+def channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_] | slice = slice(None)) -> float:
+    """Standard deviation of a channel's noise: as the robot file states, with what the clock leaves uncertain at the
+    speeds of ``rows``; else as the channel shows there."""
+    known = _stated_noise(arm, name)
+    instants = _rms(instants_noise(arm, log, name)[rows])
+    return math.hypot(known, instants) if known else describe(name, log[name][rows]).noise
+
+
+def instants_noise(arm: Arm, log: Log, name: str) -> Array:
+    """What the log's clock leaves uncertain of each value (T,) of a channel: of positions whose sensor's noise is
+    stated; elsewhere the noise that a channel shows has it within."""
+    if not name.rpartition("_")[0].endswith("position") or not _stated_noise(arm, name):
+        return np.zeros(len(log))
+    return clock_noise(log.time, log[name], log.time_uncertainty)
+
+
+def _stated_noise(arm: Arm, name: str) -> float:
+    """Standard deviation of a channel's noise as the robot file states; 0 where it states none."""
     quantity, _, j = name.rpartition("_")
-    stated = arm.robot["joints"][int(j) - 1]["sensor"]
-    side = quantity.split("_")[0]
-    known = encoder_noise(stated, side) if quantity.endswith("position") else stated["current_noise"]
+    sensor = arm.robot["joints"][int(j) - 1]["sensor"]
+    if quantity.endswith("position"):
+        return encoder_noise(sensor, quantity.split("_")[0])
     if quantity == "motor_torque":  # which stands for a current, whose noise the robot file states, or is the input
-        known = 0.0 if name in arm.input_names else known * _constant(arm, int(j))
-    return float(known or describe(name, values).noise)
+        return 0.0 if name in arm.input_names else float(sensor["current_noise"] * _constant(arm, int(j)))
+    return float(sensor["current_noise"])
 
 
 def _rms(values: Array) -> float:

@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.diagnosis.held_out import count_rows
     from hdagen.log import LogError, read, write
     from hdagen.plant import PlantError
-    from hdagen.repair import repair
+    from hdagen.repair import as_measured, repair
     from hdagen.replay import WINDOW, check, replay
 
     problems = _conflicts(options)
@@ -94,7 +94,9 @@ def run(options: argparse.Namespace) -> int:
     arm = _load(options, stated)
     check(arm, measured)
     if counted is None:
+        measured, mended = as_measured(measured, arm)
         notes, refusals = look(arm, measured)
+        notes += [one.sentence for one in mended]
     else:  # the log as the diagnosis took it
         (measured, _, seen), refusals = repair(measured, arm), []
         notes = list(seen.warnings)

@@ -30,7 +30,8 @@ _COSTS = (  # what a missing channel costs, for a joint that does not have it
 class Triage:
     """A log in numbers, and what was found in it.
 
-    ``rate`` in Hz; ``jitter`` the standard deviation of the time between rows, gaps apart, in s; ``dropped`` rows are
+    ``rate`` in Hz; ``jitter`` the standard deviation of the time between stamps, gaps apart, in s; ``even``: whether
+    rows are taken as evenly spaced instead; ``time_uncertainty`` of an instant, in s; ``dropped`` rows are
     missing in ``gaps`` gaps; ``lags`` of measured inputs behind their commands in s, by the measured channel.
     """
 
@@ -39,6 +40,8 @@ class Triage:
     duration: float
     rate: float
     jitter: float
+    even: bool
+    time_uncertainty: float
     dropped: int
     gaps: int
     channels: tuple[Channel, ...]
@@ -86,6 +89,7 @@ class Triage:
             "duration": self.duration,
             "rate": self.rate,
             "jitter": self.jitter,
+            "clock": {"even": self.even, "uncertainty": self.time_uncertainty},
             "dropped": self.dropped,
             "gaps": self.gaps,
             "channels": {
@@ -135,7 +139,9 @@ def triage(
         rows=len(log),
         duration=float(log.time[-1] - log.time[0]),
         rate=1 / log.period,
-        jitter=float(np.std(np.delete(steps, gap_rows))) if len(steps) > len(gap_rows) else 0.0,
+        jitter=float(np.std(np.delete(np.diff(log.logged_time), gap_rows))) if len(steps) > len(gap_rows) else 0.0,
+        even=log.stamps is not None,
+        time_uncertainty=log.time_uncertainty,
         dropped=int(missing.sum()),
         gaps=len(gap_rows),
         channels=tuple(channels.values()),
@@ -175,7 +181,7 @@ def _suspect(
     findings += positions.swapped_encoders(log, channels, sound)
     for joint in _sound(log, findings, ("wrapped", "jump", "swapped")):
         findings += positions.encoders(log, channels, machine, joint)
-        findings += positions.rates(log, channels, joint) + positions.reference(log, channels, joint)
+        findings += positions.rates(log, channels, machine, joint) + positions.reference(log, channels, joint)
     moving = effort.motion(
         log, channels, machine.ratios, _sound(log, findings, ("wrapped", "jump", "swapped", "degrees"))
     )

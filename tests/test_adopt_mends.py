@@ -5,16 +5,22 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import arms
 import pytest
-from replayed import diagnosis
+from replayed import SENSORS, diagnosis, simulated
 
 from hdagen.__main__ import main
 from hdagen.adopt import Adopted, adopt
+from hdagen.diagnosis.gap import gap
+from hdagen.diagnosis.held_out import name_rows
+from hdagen.diagnosis.portion import parted
 from hdagen.identity import identity
-from hdagen.plant import PlantError, load
+from hdagen.log import write
+from hdagen.plant import Arm, PlantError, load
+from hdagen.replay import replay
 
 AT_JOINT_SCALE = arms.arm("R", rigid="r").replace("ratio = 20.0", "ratio = 1.0").replace("step = 0.0005\n", "")
 
@@ -122,3 +128,42 @@ def test_a_dry_run_writes_nothing_and_shows_the_difference(tmp_path: Path, capsy
     assert said["out"] is None and "+mass = 4.6" in said["difference"]
     assert {"where": "joint[1].mass", "before": 4.5, "after": 4.6, "unit": "kg"} in said["changes"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["diagnosis.json", "robot.toml"]
+
+
+TRUTHS = {
+    "an effect": ({"presliding_share_1": 0.8, "presliding_angle_1": 0.02}, "presliding_friction@1"),
+    "a friction": ({"coulomb_friction_1": 0.06}, "coulomb_friction@1"),
+    "a base parameter": ({"mass_1": 4.8}, None),
+}
+
+
+@pytest.mark.parametrize("which", TRUTHS)
+def test_the_adopted_file_leaves_the_gap_that_the_diagnosis_said(
+    which: str, build: Callable, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    drive = f"friction_smoothing = 1.0\n{SENSORS}\n[joint.limits]\ntorque = 30.0"
+    text = arms.arm("R", rigid="r", drive=drive)
+    truth, entry = TRUTHS[which]
+    arm = Arm(build(text, effects=("presliding_friction",)).folder)
+    arm.parameters.update(truth)
+    log = replace(simulated(arm, 3.0), source=str(tmp_path / "log.csv"))
+    write(log, tmp_path / "log.csv")
+    (tmp_path / "robot.toml").write_text(text)
+    values = {name.removesuffix("_1"): value for name, value in truth.items()}
+    base = {"mass_1": {"value": 4.8, "std": 0.01}, "inertia_1": {"value": 0.0801, "std": 0.95 * 0.05 * 0.08}}
+    stated = diagnosis(verdict=[], parameters=base) if entry is None else named(entry, None, **values)
+    stated |= {"robot": {"name": arm.robot["name"], "identity": identity(arm.robot), "sha256": None}}
+    arm.parameters.reset()
+    held = parted([log], [])[1]
+    told = gap(replay(arm, log), replay(arm, log, with_=stated), held)
+    stated |= {"gap": told, "data": {"hold_out": name_rows(held, [log])}}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(stated))
+    (tmp_path / "robot.toml").write_text("# weighed again\n" + text.replace("step = 0.0005", "step = 0.0004"))
+    paths = {name: str(tmp_path / name) for name in ("diagnosis.json", "robot.toml", "new.toml", "log.csv")}
+    assert main(["adopt", paths["diagnosis.json"], paths["robot.toml"], "--out", paths["new.toml"]]) == 0
+    capsys.readouterr()
+    counted = ["--rows-of", paths["diagnosis.json"], "--json"]
+    for robot in ([paths["new.toml"]], [paths["robot.toml"], "--with", paths["diagnosis.json"]]):
+        assert main(["replay", robot[0], paths["log.csv"], *robot[1:], *counted]) == 0
+        assert json.loads(capsys.readouterr().out)["gap"] == pytest.approx(told["after"], rel=0.02)
+    assert told["after"] < 0.8 * told["before"]

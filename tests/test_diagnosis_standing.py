@@ -12,7 +12,18 @@ import pytest
 from hdagen.diagnosis import standing
 from hdagen.diagnosis.decide import Decision, Hypothesis
 from hdagen.diagnosis.portion import Portion
-from hdagen.diagnosis.standing import ABOVE, MOST, _closes, borne_out, doubted, known, outsized, stands, worst
+from hdagen.diagnosis.standing import (
+    ABOVE,
+    MOST,
+    _closes,
+    borne_out,
+    doubted,
+    known,
+    leaves_little,
+    outsized,
+    stands,
+    worst,
+)
 from hdagen.log import Log
 from hdagen.replay import Replay
 
@@ -257,3 +268,18 @@ def test_a_size_at_an_end_of_what_it_may_be_is_more_than_is_known(
     cause = {"effect": "joint_damping", "joint": 2, "parameters": parameters}
     other = {"effect": "joint_damping", "joint": 1, "parameters": {"torsional_damping": inner}}
     assert outsized({"verdict": verdict, "causes": [cause, other]}) == says
+
+
+@pytest.mark.parametrize(
+    ("after", "achievable", "little"),
+    [
+        (3.0, 1.0, True),  # a few times the noise
+        (40.0, 35.0, True),  # no structureless correction leaves much less
+        (40.0, 20.0, False),
+        (40.0, None, True),
+        (1550.0, 6390.0, False),  # whatever a correction leaves
+        (312.0, 396.0, False),
+    ],
+)
+def test_a_verdict_that_leaves_much_is_not_sure(after: float, achievable: float | None, little: bool) -> None:
+    assert leaves_little({"before": 6390.0, "after": after, "achievable": achievable}) == little

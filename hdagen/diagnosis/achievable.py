@@ -186,7 +186,7 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
             acts = beside if name == own else beside / gains[j - 1]
             columns[command] = columns[command] + np.append(acts[1:], acts[-1])
             shown[name] = shown[name] + beside
-    found = replay(arm, Log(log.time, columns, log.n_joints, log.source))
+    found = replay(arm, replace(log, columns=columns, notes=()))
     return replace(found, columns={**found.columns, **{name: shown[name] for name in names}})
 
 

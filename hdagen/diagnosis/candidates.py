@@ -33,6 +33,8 @@ ORDER = "order"  # in the name of a shape that is no matter of small steps
 TWINS = {"current_bias", "asymmetric_friction"}
 CHANGES_FRICTION = ("stribeck_friction", "asymmetric_friction", "thermal_friction", "presliding_friction")
 WALL = 0.02  # rad (or m), unit of where a wall stands: its range says nothing of what a hard one bears
+BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of walls and dampers, which come in all orders of magnitude
+BROAD_KEY = "coulomb_friction"  # of the robot file, whose size does, too: what is stated may be a guess
 SHAPE = 0.5  # of a shape parameter's value: its unit
 
 
@@ -211,6 +213,11 @@ class Dictionary:
             unit = WALL if name.startswith(("contact_above", "contact_below")) else broad
             columns.append(Column(name, names.index(name), value, unit, 1.0, -1, True, NEAR))
         return replace(focus, columns=tuple(columns))
+
+
+def is_broad(parameter: Parameter) -> bool:
+    """Whether a size comes in all orders of magnitude, so that its usual one says little."""
+    return parameter.unit.endswith(BROAD) or parameter.name.startswith(BROAD_KEY)
 
 
 def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()) -> Dictionary:

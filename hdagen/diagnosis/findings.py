@@ -19,7 +19,7 @@ from hdagen.plant import Parameter
 
 LEANS = {"tilt_x": "gravity_x", "tilt_y": "gravity_y"}  # what stands for a base that leans less than is named
 SAID = 2.0  # standard deviations of one of several sizes of an effect, from which on it is there
-END = 1e-9  # of a parameter's range, within which it stands at an end of it
+END = 1e-9  # of an end of a parameter's range, or of its nominal, within which it stands at that end
 LIKELY = 0.01  # probability from which another cause is named as confounded
 
 
@@ -153,7 +153,8 @@ def _base(best: Fitted) -> dict[str, Any]:
 
 def _estimate(fit: Fitted, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
     """``end``: which end of its range it was moved to, if one; beyond it the fit cannot go."""
-    value, near = float(fit.design.point.p[place]), END * (parameter.high - parameter.low)
-    end = "low" if value - parameter.low <= near else "high" if parameter.high - value <= near else None
+    value, ends = float(fit.design.point.p[place]), {"low": parameter.low, "high": parameter.high}
+    least = {name: END * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
+    end = next((name for name in ends if abs(value - ends[name]) <= least[name]), None)
     end = None if value == parameter.nominal else end
     return {"value": value, "std": std, "unit": parameter.unit, "end": end}

@@ -17,13 +17,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary
+from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary, is_broad
 from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, knots
 from hdagen.diagnosis.evidence import Posterior, Scored, laplace, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear, Summed
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.plant import Array
 
+FEW = 2  # effects, so few less than all of a set, or so few alone, are looked at
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
 STIFF = 0.1  # of the unexplained torque where a hypothesis stands, that its steps allow first: the whole of it would
 # answer for what the parameters still lack
@@ -33,8 +34,6 @@ REACHES = (np.inf, 0.3, 0.1, 0.03)  # prior standard deviations about where it s
 KEPT = 0.25  # of what a step promises in the linear model, from which it is far short enough
 WORSE = 4.0  # by which chi² of a window may grow before its first state is taken back
 FAR = 2.0  # of what noise leaves of a window in the mean, from which it is
-BROAD = "N m/rad", "N/m", "N m s/rad", "N s/m"  # units of what comes in all orders of magnitude
-FRICTION = "coulomb_friction"  # which does, too
 ENOUGH = 0.1  # of log evidence that a step must bring, or promise, for another one
 
 
@@ -62,8 +61,11 @@ class Fitted:
 
     @property
     def lesser(self) -> list[tuple[int, ...]]:
-        """Its own atoms, and those of the hypotheses that have fewer of them."""
-        return [some for count in range(len(self.atoms) + 1) for some in combinations(self.atoms, count)]
+        """Its own atoms, and those of the hypotheses that have fewer of them; of a set of many, as each costs a
+        simulation, those that have next to all or next to none."""
+        many = len(self.atoms)
+        counts = sorted({count for count in range(many + 1) if min(count, many - count) < FEW})
+        return [some for count in counts for some in combinations(self.atoms, count)]
 
     @property
     def reached(self) -> float:
@@ -253,12 +255,11 @@ def _prior(at: Design, atoms: tuple[int, ...]) -> Array:
 
 
 def widths(at: Design, free: NDArray[np.intp], point: Point) -> Array:
-    """Standard deviations of θ (P) at ``point`` with the columns ``free``: of a wall or a damper as wide as it is
-    large, if that is more than usual, as those come in all orders of magnitude."""
+    """Standard deviations of θ (P) at ``point`` with the columns ``free``: of what comes in all orders of magnitude as
+    wide as it is large, if that is more than usual."""
     prior = at.words.spike
     described = list(at.shooting.arm.parameters.described.values())
-    units = [described[at.words.columns[k].index] for k in free]
-    broad = np.array([q.unit.endswith(BROAD) or q.name.startswith(FRICTION) for q in units], bool)
+    broad = np.array([is_broad(described[at.words.columns[k].index]) for k in free], bool)
     prior[free] = np.where(broad, np.maximum(np.abs(at.words.theta(point.p)[free]), SLAB), SLAB)
     return prior
 

@@ -23,7 +23,7 @@ from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, Rows, complete, mechanical
 from hdagen.repair import segments
-from hdagen.replay import _noise, driven_by, driving_channel, is_command, window_starts
+from hdagen.replay import channel_noise, driven_by, driving_channel, instants_noise, is_command, window_starts
 from hdagen.torques import torque_per_input
 
 QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
@@ -38,7 +38,8 @@ SHORTEST = 0.5  # share of the window that a shorter last one must have
 class Record:
     """``shown`` (T): rows that the fit may look at. ``command`` (T, nu): row k is held to row k + 1. ``measured``
     (T, M) with ``noise`` (M) standard deviations; windows are the rows from ``starts`` (W) to ``ends`` (W); ``begun``
-    (W, nx) their first states as measured."""
+    (W, nx) their first states as measured; ``clock`` (T, M) what the log's clock leaves uncertain of each value, whose
+    mean ``noise`` has within."""
 
     log: Log
     shown: Mask
@@ -52,6 +53,7 @@ class Record:
     starts: Rows
     ends: Rows
     begun: Array
+    clock: Array
 
     @cached_property
     def rows(self) -> Rows:
@@ -94,13 +96,18 @@ class Record:
 
     @cached_property
     def spread(self) -> Array:
-        """Standard deviation of each value that is looked at (S, M): as often as a channel repeats a
-        value in a window, it tells it once."""
+        """Standard deviation of each value that is looked at (S, M): as often as a channel repeats a value in a window,
+        it tells it once; and what the clock leaves uncertain goes with the speed there."""
         told = []
         for rows in self.looked:
             seen = self.measured[self.rows[rows]]
             told.append(np.broadcast_to(np.sqrt(len(rows) / (1 + (np.diff(seen, axis=0) != 0).sum(0))), seen.shape))
-        return np.concatenate(told) * self.noise
+        if not self.log.time_uncertainty:
+            return np.concatenate(told) * self.noise
+        rows = self.rows[np.concatenate(self.looked)]
+        moved = self.clock[rows]
+        sensor = np.sqrt(np.maximum(self.noise**2 - np.mean(self.clock[self.shown] ** 2, axis=0), 0.0))
+        return np.hypot(np.concatenate(told) * sensor, moved)
 
     @cached_property
     def uncommanded(self) -> tuple[int, ...]:
@@ -135,7 +142,7 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
     measured = np.stack([log[name] for name in names], 1)
     noise = np.array(
         [
-            _noise(arm, name, log[name][seen.rows])
+            channel_noise(arm, log, name, seen.rows)
             if "torque" not in name
             else _followed(log, name, seen.rows)
             if name in driven
@@ -165,6 +172,7 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
         starts,
         ends,
         _begun(arm, log, starts),
+        np.stack([instants_noise(arm, log, name) for name in names], 1),
     )
 
 

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.diagnosis.bounds import Bounds, bounded
-from hdagen.diagnosis.candidates import TOLERATED, Dictionary
-from hdagen.diagnosis.missing import Missing, Sight
+from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary, is_broad
+from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array
@@ -31,11 +31,12 @@ from hdagen.together import together
 MOST = 4  # effects of a set
 BEAM = 3  # sets of a size that are enlarged
 LESS = 0.9  # of what a set leaves (rms) of a balance, that it may leave with one more effect
-FAR = 2.0  # usual sizes, from which an effect by itself begins there, too
+FAR = 2.0  # usual sizes: what is larger is far from the robot file, and what is not is found from there
+MOST_ROWS, STRETCHES = 6000, 4  # of a log that are looked at, and in how many pieces
 FEWEST = 50  # instants of a balance
 SETTLED = 1e-2  # change of the logarithm of what a balance leaves, below which it stands
-ROUNDS = 10  # of weighing the balances
-RIDGE = 1e-6  # precision of a size that is free
+ROUNDS = 5  # of weighing the balances
+RIDGE = 1e-6  # precision of a size that comes in all orders of magnitude
 DARK = 1e-9  # of the missing torque (rms), below which a column shows nothing of an effect
 
 
@@ -53,32 +54,33 @@ class Regressed:
 @dataclass(frozen=True, eq=False)
 class Regression:
     """Cross products (B, C + 1, C + 1) of regressors and missing torque of each balance over ``counts`` (B) instants;
-    ``bounds`` of θ (C each) with everything free."""
+    ``bounds`` of θ (C each) and its prior ``precision`` (C) with everything free."""
 
     words: Dictionary
     arm: Arm
     products: Array
     counts: Array
     bounds: Bounds
+    precision: Array
 
     @classmethod
     def of(cls, arm: Arm, record: Record, words: Dictionary) -> Regression | None:
         """Of what the fit may see of a record; None where that is too little motion."""
-        sight = Sight(arm, record.log, arm.p, arm.p, {}, ())
-        shown = sight.kept & Portion(record.log, record.shown).at(sight.time)
-        sides = 2 if sight.split else 1
-        rows = [np.flatnonzero(shown & sight.slides(j))[:: sight.grid.width] for j in range(1, arm.n + 1)] * sides
-        if min(map(len, rows)) < FEWEST:
+        points = [arm.p, *_moved(arm, words)]
+        parts = [_balances(arm, part, points) for part in _sampled(record)]
+        seen = [[np.concatenate(pieces) for pieces in zip(*each, strict=True)] for each in zip(*parts, strict=True)]
+        none, *moved = seen
+        if min(map(len, none)) < FEWEST:
             return None
-        none = _balances(sight.missing(arm.p), rows)
-        columns = together(lambda c: _balances(sight.missing(c), rows), _moved(arm, words))
         products, steps = [], _steps(arm, words)
         for b, y in enumerate(none):
-            X = np.column_stack([*((y - one[b]) / step for one, step in zip(columns, steps, strict=True)), y])
+            X = np.column_stack([*((y - one[b]) / step for one, step in zip(moved, steps, strict=True)), y])
             products.append(X.T @ X)
         counts = np.array([len(y) for y in none])
         free = words.meaning(tuple(range(len(words.atoms))))
-        return cls(words, arm, np.stack(products), counts, free.bounds(arm))
+        described = list(arm.parameters.described.values())
+        precision = np.array([RIDGE if is_broad(described[c.index]) else SLAB**-2.0 for c in words.columns])
+        return cls(words, arm, np.stack(products), counts, free.bounds(arm), precision)
 
     def far(self) -> dict[int, Array]:
         """The sizes θ (C) of each effect by itself, by atom, where they are larger than `FAR`."""
@@ -86,8 +88,8 @@ class Regression:
         return {k: theta for k, theta in alone.items() if np.abs(theta).max() > FAR}
 
     def sets(self) -> list[Regressed]:
-        """The best set of each number of effects above one, the smallest first, as long as one more effect tells much;
-        sets of as many as MOST."""
+        """The best set of each number of effects from two to MOST, as long as one more effect tells much, of those in
+        which one is larger than `FAR`; the smallest first."""
         shown, beam = self._shown(), [self.fitted(())]
         found: list[Regressed] = []
         for _ in range(MOST):
@@ -99,7 +101,7 @@ class Regression:
             if not beam or not self._tells(beam[0], less):
                 break
             found.append(beam[0])
-        return found[1:]
+        return [one for one in found[1:] if np.abs(one.theta).max() > FAR]
 
     def _enlarged(self, atoms: tuple[int, ...], shown: Sequence[int]) -> Iterator[tuple[int, ...]]:
         """A set with each further effect that says something beside it."""
@@ -113,15 +115,15 @@ class Regression:
         of them, each balance weighed by what it leaves."""
         free = np.array([i for i, c in enumerate(self.words.columns) if c.base or c.atom in atoms], int)
         own = np.array([self.words.columns[i].atom in atoms for i in free], bool)
-        precision = np.where(own, RIDGE, self.words.spike[free] ** -2.0)
+        precision = np.where(own, self.precision[free], self.words.spike[free] ** -2.0)
         most = np.where(own, np.inf, TOLERATED * self.words.spike[free])
-        within = np.maximum(self.bounds[0][free], -most), np.minimum(self.bounds[1][free], most)
+        within = np.clip(self.bounds[0][free], -most, None), np.clip(self.bounds[1][free], None, most)
         N, b, c = self.products[:, free[:, None], free], self.products[:, free, -1], self.products[:, -1, -1]
         theta, left = np.zeros(len(free)), c / self.counts
         for _ in range(ROUNDS):
             weight, old = 1.0 / np.maximum(left, np.finfo(float).tiny), left
             H, g = np.tensordot(weight, N, 1) + np.diag(precision), weight @ b
-            theta = bounded(H, g, np.linalg.solve(H, g), within)
+            theta = bounded(H, g, np.asarray(np.linalg.solve(H, g), float), within)
             least = 1e-12 * c
             left = np.maximum(c - 2.0 * b @ theta + np.einsum("i,bij,j->b", theta, N, theta), least) / self.counts
             if np.abs(np.log(left / old)).max() < SETTLED:
@@ -141,6 +143,14 @@ class Regression:
     def _tells(self, more: Regressed, less: Regressed) -> bool:
         """Whether a set with one more effect leaves so much less of a balance that it is worth a start."""
         return more.left < less.left and bool((more.by_balance < LESS**2 * less.by_balance).any())
+
+
+def _sampled(record: Record) -> list[Portion]:
+    """What the fit may see of a record; of a long log's, of stretches all over it."""
+    log, pieces = record.log, 1 if len(record.log) <= MOST_ROWS else STRETCHES
+    firsts = np.linspace(0, len(log), pieces, endpoint=False).astype(int)
+    length = min(len(log), MOST_ROWS // pieces)
+    return [Portion(log.rows(a, a + length), record.shown[a : a + length]) for a in firsts.tolist()]
 
 
 def _steps(arm: Arm, words: Dictionary) -> list[float]:
@@ -163,7 +173,16 @@ def _moved(arm: Arm, words: Dictionary) -> list[Array]:
     return found
 
 
-def _balances(missing: Missing, rows: Sequence[Array]) -> list[Array]:
-    """The missing torque of each balance (B) in its ``rows``."""
-    whole = missing.motor if missing.link is None else np.hstack([missing.motor, missing.link])
-    return [whole[some, b] for b, some in enumerate(rows)]
+def _balances(arm: Arm, part: Portion, points: Sequence[Array]) -> list[list[Array]]:
+    """The missing torque of each balance (B) at some parameters (np) in independent instants in which its motor
+    slides."""
+    sight = Sight(arm, part.log, arm.p, arm.p, {}, ())
+    seen = sight.kept & part.at(sight.time)
+    sliding = [np.flatnonzero(seen & sight.slides(j))[:: sight.grid.width] for j in range(1, arm.n + 1)]
+
+    def balances(p: Array) -> list[Array]:
+        missing = sight.missing(p)
+        sides = [missing.motor] if missing.link is None else [missing.motor, missing.link]
+        return [side[rows, b] for side in sides for b, rows in enumerate(sliding)]
+
+    return together(balances, points)

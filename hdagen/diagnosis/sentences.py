@@ -40,7 +40,13 @@ def sentence(content: dict[str, Any]) -> str:
         interval = gap["interval"]
         spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
         line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
-    return f"{line}{_beside(gap)}.{_ends(content)}{_more(content)}"
+    return f"{line}{_beside(gap)}.{_ends(content)}{_more(content)}{_contradictions(content)}"
+
+
+def _contradictions(content: dict[str, Any]) -> str:
+    """Channels that were left out or scaled, as they contradict another."""
+    repaired = content.get("data", {}).get("repaired", ())
+    return "".join(f" {one['what']}" for one in repaired if one["name"] == "contradicted")
 
 
 def _times(multiples: float) -> str:

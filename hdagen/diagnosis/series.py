@@ -1,7 +1,8 @@
 """Whether a drive that the robot file calls rigid has a spring: the same record on a model that has one.
 
 Such a model has other states, so it is no candidate among those of the rigid one. It is fitted by itself, with every
-spring free, and what else it misses beside them; evidence tells which of the two models it is.
+spring free, and what else it misses beside them, from what the rigid one was found to miss; evidence tells which of the
+two models it is.
 """
 
 from __future__ import annotations
@@ -10,15 +11,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from hdagen.diagnosis.candidates import dictionary
-from hdagen.diagnosis.design import Point, design
+import numpy as np
+
+from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.fitting import Fitted, begun
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record, record
-from hdagen.diagnosis.search import Search, bared, best_first, raced
+from hdagen.diagnosis.search import TRAILING, Search, bared, best_first, raced
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
-from hdagen.plant import Arm, load
+from hdagen.plant import Arm, Array, load
 
 EFFECT = "missing_compliance"
 SIZES = (1.0, 4.0)  # usual sizes at which it is begun
@@ -42,18 +45,45 @@ def with_springs(
     words = dictionary(flexible, suggested(flexible, shooting.record), shooting.record.uncommanded).sharing(
         found.words.share
     )
-    atoms = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
-    own = [c for c in words.columns if c.atom in atoms]
-    field: list[Fitted] = []
-    for size in SIZES:
-        p = flexible.p.copy()
-        for c in own:
-            p[c.index] = c.center + size * c.unit
-        p = flexible.parameters.within(p)
-        at = design(shooting, words, Point(p, shooting.begun(p)))
-        field.append(begun(at, words, atoms, found.fitted[0].score.at.s))
-    fits = raced(at, words, field, say)
+    fits = raced(*_begun(shooting, words, found), say)
     return replace(found, fitted=tuple(bared(best_first([*found.fitted, *fits]))))
+
+
+def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design, Dictionary, list[Fitted]]:
+    """Where a race of springs begins: their design, the words, and the field, at each size the springs alone and, where
+    these promise less than what was ``found`` without has reached, beside that; then alone only if they promise a
+    share of what that gains."""
+    springs = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
+    lead, near = best_first(found.fitted)[0], found.fitted[0].score.at.s
+    none = next((fit for fit in found.fitted if not fit.atoms), lead)
+    beside = tuple(k for k, atom in enumerate(words.atoms) if atom.name in lead.names and atom.first)
+    alone: list[Fitted] = []
+    for size in SIZES:
+        p = _stiffened(shooting.arm, words, springs, shooting.arm.p.copy(), size)
+        at = design(shooting, words, Point(p, shooting.begun(p)))
+        alone.append(begun(at, words, springs, near))
+    if not beside or max(fit.score.evidence for fit in alone) >= lead.reached:
+        return at, words, alone
+    least = none.reached + TRAILING * (lead.reached - none.reached)
+    field = [fit for fit in alone if fit.score.evidence >= least]
+    for size in SIZES:
+        p = _stiffened(shooting.arm, words, springs, _carried_over(shooting.arm, lead), size)
+        field.append(begun(at, words, (*springs, *beside), near, Point(p, shooting.begun(p))))
+    return at, words, field
+
+
+def _stiffened(flexible: Arm, words: Dictionary, springs: tuple[int, ...], p: Array, size: float) -> Array:
+    """Parameters (np) with springs at a size, within their bounds."""
+    for c in words.columns:
+        if c.atom in springs:
+            p[c.index] = c.center + size * c.unit
+    return flexible.parameters.within(p)
+
+
+def _carried_over(flexible: Arm, lead: Fitted) -> Array:
+    """The parameters (np) of a model with springs as they are where a fit without stands."""
+    stood = dict(zip(lead.design.shooting.arm.parameters.described, lead.design.point.p, strict=True))
+    return np.array([stood.get(name, q.nominal) for name, q in flexible.parameters.described.items()])
 
 
 def _tell_rigid(flexible: Arm, say: Callable[[str], None]) -> None:

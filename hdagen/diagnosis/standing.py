@@ -27,6 +27,7 @@ MOST = 2 / 3  # of what every encoder of a joint errs by, that may be left: what
 NOTHING = 0.9  # of the same, or of a gap, from which on a verdict closes next to nothing
 NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 ABOVE = 10.0  # multiples of the noise, from which on what is left counts
+FAR = 100.0  # of the same, from which on what is left is no small matter, whatever else leaves
 STEEPLY = 4.0  # power of what is left in the odds
 
 
@@ -49,6 +50,7 @@ def stands(
         after = counted(named, said)
         content["gap"] = gap(before, after, held_out, flexible)
         if content["gap"]["before"] >= NOISE and _closes(content["gap"], bool(said.unknown and base)):
+            content["sure"] = content["sure"] and leaves_little(content["gap"])
             return named, after
     kept = [f"unknown@{joint}" for joint in said.unknown] if content["gap"]["before"] >= NOISE else []
     content |= {"verdict": kept, "sure": False, "where": []}
@@ -61,6 +63,13 @@ def _closes(told: dict[str, Any], bent: bool) -> bool:
     base parameters stand beside something unknown, which has ``bent`` them to the motion of the log."""
     surely = told["interval"][0] > 1.0 - NOTHING if bent and told["interval"] else True
     return bool(told["after"] < told["before"] and surely)
+
+
+def leaves_little(told: dict[str, Any]) -> bool:
+    """Whether what a verdict leaves of a gap, as `gap` has it, is so little that it can be sure: where that is many
+    times the noise, and a flexible correction leaves far less, or it is many times that, another set may explain it."""
+    reachable = told["before"] if told["achievable"] is None else told["achievable"]
+    return bool(told["after"] <= ABOVE or (told["after"] <= FAR and reachable > MOST * told["after"]))
 
 
 def doubted(

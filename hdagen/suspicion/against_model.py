@@ -226,4 +226,4 @@ def _exchange(log: Log, i: int, j: int) -> Log:
     for name, values in log.columns.items():
         base, _, number = name.rpartition("_")
         columns[f"{base}_{other[number]}" if number in other else name] = values
-    return Log(log.time, columns, log.n_joints, log.source)
+    return replace(log, columns=columns, notes=())

@@ -19,6 +19,9 @@ _DEGREE = 180 / math.pi
 _TWICE = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
 _LOST = 0.003  # share of rows
 _FOLLOWS = 0.95  # correlation from which a position follows a reference
+_RELATED, _CLOSE = 0.7, 0.9  # correlation of a velocity with a derivative, from which it is its own; of a good one
+_PLAIN = 10.0, 100.0, 1000.0, 60.0, 2 * math.pi, 30 / math.pi  # factors between units
+_PLAINLY = 1.02  # times such a factor, that count as it
 _TURNS = 25.0  # rad; a joint that spans more turns like a wheel, or is logged in degrees
 
 
@@ -190,8 +193,9 @@ def _explanations(ratio: float, motor: str, link: str, prismatic: bool) -> Itera
     yield 1 / _DEGREE, "degrees", both, {motor: side, link: degrees}
 
 
-def rates(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding]:
-    """Logged velocities against the derivative of the position of the same side."""
+def rates(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> list[Finding]:
+    """Logged velocities against the derivative of the position of the same side: one that contradicts it is to be left
+    out, or scaled where the factor is plain."""
     findings: list[Finding] = []
     for side in ("motor", "joint"):
         position, velocity = f"{side}_position_{joint}", f"{side}_velocity_{joint}"
@@ -200,8 +204,31 @@ def rates(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding
         grid = even(log.time)
         rate, logged = grid.rate(grid.smooth(log[position])), grid.smooth(log[velocity])
         if np.std(logged) > 0:
-            findings += _same(rate, logged, velocity, position, "/s", joint)
+            same = _same(rate, logged, velocity, position, "/s", joint)
+            refused = [finding for finding in same if finding.severity is Severity.REFUSE]
+            plain = (*_PLAIN, machine.ratios[joint - 1])
+            findings += refused or _contradicted(relation(rate, logged), velocity, position, plain, joint)
     return findings
+
+
+def _contradicted(
+    related: tuple[float, float], velocity: str, position: str, plain: tuple[float, ...], joint: int
+) -> list[Finding]:
+    """A finding where a velocity is not the derivative of its position, ``related`` by slope and correlation. Noise of
+    the derivative makes the slope smaller, by the square of the correlation at most."""
+    slope, correlation = related
+    most = 1.25 if correlation > _CLOSE else 2.0
+    if correlation >= _RELATED and 1 / most < slope < most:
+        return []
+    factor = next((f for one in plain for f in (one, 1 / one) if 1 / _PLAINLY < slope / f < _PLAINLY), None)
+    repair: dict[str, Any] = {"ignore": [velocity]}
+    if factor is not None and correlation > _CLOSE:
+        repair = {velocity: {"scale": float(f"{1 / factor:.9g}")}}
+    sentence = (
+        f"{velocity} contradicts {position}: it is {slope:.3g} times its derivative (correlation {correlation:.2f}); "
+        f"set {in_words(repair)} in columns.toml."
+    )
+    return [Finding(Severity.WARN, "contradicted", joint, sentence, repair)]
 
 
 def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding]:

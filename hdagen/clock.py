@@ -1,0 +1,247 @@
+"""The instants of a log's rows: as they are stamped, or evenly spaced, whichever makes the encoders' paths smoother.
+
+A logger that stamps rows when it comes to write them says less of when a machine sampled them than counting does.
+Short cubics are laid through the angles, against the stamps and against even time; an angle that moves strays from them
+by its speed times what an instant is off. The better clock is taken, and what its instants are still off is a noise of
+every angle: its speed times their standard deviation.
+
+Legend: T rows, h period, s; K short windows of WIDTH rows, M channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+WIDTH, ORDER = 7, 3  # rows of a window, and of the polynomial through them
+MOST = 3000  # windows that are looked at
+FEWEST = 20
+FINITE = 0.5  # share of values that a channel must have
+SURE = 4.0  # standard errors by which a clock must be better, or an uncertainty above nothing
+ACROSS = 6, 20  # rows to each side of one that may be missing: few part two that are near, many see through jitter
+FLOOR = 1e-3  # of a usual window's scatter, below which it is not counted
+WORTH = 1.0  # of a sensor's variance, that what is off in time must add to count
+SOUND = 0.9  # share of windows that must tell of the clock, else a channel says nothing of it
+CUT = 20.0  # times the usual scatter, from where a window tells of something else
+SLIGHT = 1e-3  # of a period: less is no jitter
+FOLLOWING = 0.5  # correlation of an instant's error with the one before, from where errors last
+REPEATS = 0.1  # share of stamps that repeat the one before, from where a clock is coarse
+LONG_PAUSE = 2.5  # periods between two rows of a window at most
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """``time`` (T,): instants of the rows, s; ``uncertainty``: their standard deviation, s; ``note``: a sentence on
+    what was done, empty where the stamps stand and tell all."""
+
+    time: np.ndarray
+    uncertainty: float = 0.0
+    note: str = ""
+
+
+def clock_noise(time: np.ndarray, values: np.ndarray, uncertainty: float) -> np.ndarray:
+    """What an ``uncertainty`` of the instants ``time`` (T,), s, makes of an angle ``values`` (T,): the standard
+    deviation (T,) in its unit, its speed times that."""
+    if not uncertainty or len(values) < 2:
+        return np.zeros(len(values))
+    return np.asarray(uncertainty * np.abs(np.gradient(values, time)))
+
+
+def judge_clock(stamps: np.ndarray, positions: Mapping[str, np.ndarray]) -> Clock:
+    """The better clock of a log by its encoders.
+
+    Args:
+        stamps: (T,) increasing, s.
+        positions: (T,) each by name, rad or m.
+
+    Returns:
+        Even instants where the paths are smoother on them, else the stamps; and what the paths say they are still off.
+
+    """
+    even = even_instants(stamps)
+    channels = [values for values in positions.values() if np.mean(np.isfinite(values)) > FINITE and _moves(values)]
+    windows = _windows(even)
+    if channels:
+        path = np.stack(channels, 1)
+        windows = windows[np.isfinite(path[windows[:, None] + np.arange(WIDTH)]).all((1, 2))]
+    if len(windows) < FEWEST or not channels:
+        return _by_stamps_alone(stamps, even)
+    rows = windows[:, None] + np.arange(WIDTH)
+    seen = path[rows]
+    stamped, counted = _scatter(stamps[rows], seen), _scatter(even[rows], seen)
+    is_even = _smoother(counted[0], stamped[0])
+    if not is_even and not _smoother(stamped[0], counted[0]):
+        is_even = _jitters(stamps, even)
+    uncertainty = _uncertainty(*(counted if is_even else stamped), 0.5 * _period(even))
+    jitter = float(np.std(stamps - even))
+    left = f"; what is left of {1e6 * uncertainty:.3g} us counts as noise" if uncertainty else ""
+    if is_even:
+        better = float(np.exp(0.5 * np.mean(_log_ratio(stamped[0], counted[0]))))
+        note = (
+            f"The stamps jitter by {1e6 * jitter:.3g} us about an even period of {1e3 * _period(even):.4g} ms; the "
+            f"encoders' paths are {better:.3g} times as smooth against even time, which is taken{left}."
+        )
+        return Clock(even, uncertainty, note)
+    note = f"The encoders' paths stray as if stamps were off by {1e6 * uncertainty:.3g} us, which counts as noise."
+    return Clock(stamps, uncertainty, note if uncertainty else "")
+
+
+def _by_stamps_alone(stamps: np.ndarray, even: np.ndarray) -> Clock:
+    """The clock of a log whose encoders tell nothing."""
+    if not _jitters(stamps, even):
+        return Clock(stamps)
+    note = (
+        f"The stamps jitter by {1e6 * float(np.std(stamps - even)):.3g} us about an even period of "
+        f"{1e3 * _period(even):.4g} ms, which is taken: nothing moves by which to judge."
+    )
+    return Clock(even, 0.0, note)
+
+
+def _jitters(stamps: np.ndarray, even: np.ndarray) -> bool:
+    """Whether stamps stray from even instants each by itself, as a logger's do: a machine that is late stays late."""
+    off = stamps - even - np.mean(stamps - even)
+    if len(off) < FEWEST or float(np.std(off)) < SLIGHT * _period(even):
+        return False
+    return float(off[1:] @ off[:-1]) < FOLLOWING * float(off @ off)
+
+
+def spread_repeated(stamps: np.ndarray) -> Clock | None:
+    """Even instants for rows whose ``stamps`` (T,), s, repeat as their clock is coarser than the rows are apart; None
+    where stamps do not repeat so, or the rows are not even."""
+    steps = np.diff(stamps)
+    moved = steps[steps > 0]
+    if np.count_nonzero(steps == 0) < max(FEWEST, REPEATS * len(steps)) or not len(moved):
+        return None
+    even = even_instants(stamps)
+    coarse = float(np.median(moved))
+    if np.ptp(stamps - even) > 1.5 * coarse:
+        return None
+    note = (
+        f"The stamps come in steps of {1e3 * coarse:.4g} ms and repeat: rows are taken as {1e3 * _period(even):.4g} ms "
+        "apart, by the whole log."
+    )
+    return Clock(even, 0.0, note)
+
+
+def even_instants(stamps: np.ndarray) -> np.ndarray:
+    """Even instants (T,), s, that are nearest to ``stamps`` (T,), with rows left out where some are missing."""
+    count = len(stamps)
+    tried = [np.arange(count), _counted_by_steps(stamps), *(_counted_by_level(stamps, rows) for rows in ACROSS)]
+
+    def cost(numbers: np.ndarray) -> float:  # Schwarz's: each gap must explain more than chance would let it
+        off = float(np.mean(np.abs(stamps - _line(numbers, stamps))))
+        return count * np.log(off + np.finfo(float).tiny) + np.count_nonzero(np.diff(numbers) > 1) * np.log(count)
+
+    return _line(min(tried, key=cost), stamps)
+
+
+def _moves(values: np.ndarray) -> bool:
+    """Whether a channel has more than one value."""
+    known = values[np.isfinite(values)]
+    return bool(np.any(known != known[0]))
+
+
+def _line(numbers: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """The straight line (T,) through ``stamps`` (T,) over row ``numbers`` (T,)."""
+    n, t = numbers - numbers.mean(), stamps - stamps.mean()
+    return np.asarray(stamps.mean() + float(n @ t) / max(float(n @ n), 1.0) * n)
+
+
+def _counted_by_steps(stamps: np.ndarray) -> np.ndarray:
+    """Row numbers (T,) by how many usual steps lie between two rows."""
+    steps = np.diff(stamps)
+    usual = float(np.median(steps)) or 1.0
+    return np.append(0, np.cumsum(np.maximum(np.rint(steps / usual), 1)))
+
+
+def _counted_by_level(stamps: np.ndarray, across: int) -> np.ndarray:
+    """Row numbers (T,) where stamps jitter by as much as rows are apart: behind a missing row all stamps are later, and
+    their median over ``across`` rows tells."""
+    count = len(stamps)
+    if count <= 4 * across:
+        return np.arange(count)
+    period = float(np.median(stamps[across:] - stamps[:-across])) / across
+    late = stamps - period * np.arange(count)
+    level = np.median(np.lib.stride_tricks.sliding_window_view(late, across), 1)  # of rows k … k + across − 1
+    rise, missing = np.zeros(count), np.zeros(count)
+    rise[across : count - across + 1] = level[across:] - level[:-across]  # from the rows before k to those from k on
+    while period > 0 and (peak := float(rise.max())) > 0.5 * period:
+        k, gap = int(np.argmax(rise)), float(np.rint(peak / period))
+        about = slice(k - across // 2, k + across // 2)
+        saved = gap * period - 2 * (late[about] - level[k - across])  # of squared error, by each row that is later
+        missing[about.start + int(np.argmin(np.cumsum(saved[::-1])[::-1]))] += gap
+        rise[k - across : k + across] = 0.0
+    return np.arange(count) + np.cumsum(missing)
+
+
+def _period(even: np.ndarray) -> float:
+    """The time between two rows of even instants."""
+    return float(np.median(np.diff(even)))
+
+
+def _windows(even: np.ndarray) -> np.ndarray:
+    """First rows (K,) of windows without a long pause, none of which share a row, evenly over the log."""
+    first = np.arange(0, len(even) - WIDTH + 1, WIDTH)
+    if not len(first):
+        return first
+    longest = np.diff(even)[first[:, None] + np.arange(WIDTH - 1)].max(1)
+    first = first[longest < LONG_PAUSE * _period(even)]
+    return first[:: max(1, -(-len(first) // MOST))]
+
+
+def _scatter(time: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of ``seen`` (K, WIDTH, M) about polynomials in ``time`` (K, WIDTH), and squared speed (K, M)."""
+    middle = time.mean(1, keepdims=True)
+    size = np.ptp(time, axis=1)[:, None] / 2
+    powers = ((time - middle) / size)[..., None] ** np.arange(ORDER + 1)
+    basis, upper = np.linalg.qr(powers)
+    told = basis.swapaxes(1, 2) @ seen
+    variance = ((seen - basis @ told) ** 2).sum(1) / (WIDTH - ORDER - 1)
+    speed = np.linalg.solve(upper, told)[:, 1] / size
+    return variance, speed**2
+
+
+def _log_ratio(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Logarithms of the scatter in windows against one clock over that against another (K,), all channels together."""
+    least = FLOOR * np.maximum(np.median(one, 0), np.median(other, 0)) + np.finfo(float).tiny
+    return np.asarray(np.log((one + least) / (other + least)).mean(1))
+
+
+def _smoother(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether the scatter (K, M) of one clock is surely below that of another."""
+    ratios = _log_ratio(one, other)
+    error = float(np.std(ratios)) / np.sqrt(len(ratios))
+    return float(ratios.mean()) < -SURE * error and error > 0
+
+
+def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray, most: float) -> float:
+    """Standard deviation of an instant, s: the root of how the scatter (K, M) grows with the squared speed; 0 where
+    that is not sure, little beside what the sensors scatter by themselves, or above ``most``, which is no clock's."""
+    slopes, errors, shares = [], [], []
+    for s2, v2 in zip(variance.T, squared_speed.T, strict=True):
+        usual = max(float(np.quantile(s2, 0.1)), 1e-3 * float(np.median(s2)), np.finfo(float).tiny)
+        good = (s2 < CUT * usual) | (s2 < v2 * most**2)
+        if np.mean(good) < SOUND:
+            continue
+        good &= v2 <= np.quantile(v2, SOUND)  # what is wrong now and then is fast, and would tell alone
+        X = np.column_stack([np.ones(np.count_nonzero(good)), v2[good]])
+        weight = np.ones(len(X))
+        for _ in range(4):  # the scatter of a variance goes with its size
+            A = X.T * weight
+            covariance = np.linalg.pinv(A @ X)
+            level, slope = covariance @ (A @ s2[good])
+            usual = np.maximum(level, 0.0) + np.maximum(slope, 0.0) * v2[good]
+            weight = 1.0 / np.maximum(usual, 1e-6 * float(np.mean(s2)) + np.finfo(float).tiny) ** 2
+        error = float(np.sqrt(covariance[1, 1] * 2.0 / (WIDTH - ORDER - 1)))
+        if error > 0 and np.isfinite(error):
+            slopes.append(slope)
+            errors.append(error)
+            shares.append(slope * float(np.mean(v2[good])) / max(float(level), np.finfo(float).tiny))
+    if not slopes:
+        return 0.0
+    weights = 1.0 / np.array(errors) ** 2
+    mean = float(np.average(slopes, weights=weights))
+    sure = SURE / float(np.sqrt(weights.sum())) < mean < most**2 and max(shares) > WORTH
+    return float(np.sqrt(mean)) if sure else 0.0
