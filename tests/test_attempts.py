@@ -20,6 +20,7 @@ CONTENT: dict[str, Any] = {
     "causes": [{"effect": "payload", "joint": 1, "parameters": {"payload_mass": 1.0}}],
     "parameters": {},
     "gap": {"before": 9.0, "after": 2.0, "flexible": 3.0, "achievable": 2.0},
+    "sure": True,
 }
 
 

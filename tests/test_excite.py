@@ -54,6 +54,13 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
     return load(out / "one.toml", "native", ("all",), out)
 
 
+@pytest.fixture
+def robot(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The robot file of the arm, whose build is at hand."""
+    monkeypatch.setenv("HDAGEN_BUILD", str(arm.folder.parent))
+    return str(arm.folder.parent / "one.toml")
+
+
 @pytest.fixture(scope="module")
 def found(arm: Arm) -> Excitation:
     return excite(arm, ("viscous_friction", "thermal_friction"), duration=SECONDS)
@@ -214,10 +221,10 @@ def test_a_limit_told_of_one_joint_is_still_assumed_of_the_others_and_units_are_
 
 
 def test_the_command_writes_a_reference_that_a_controller_follows(
-    arm: Arm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arm: Arm, robot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "reference.parquet"
-    arguments = ["excite", str(arm.folder), "--separate", "command_delay, current_loop_lag", "--duration", "2"]
+    arguments = ["excite", robot, "--separate", "command_delay, current_loop_lag", "--duration", "2"]
     assert main([*arguments, "--limits", "speed=0.5", "--out", str(out), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["separates"] is True and said["nats"] > 100 and said["effects"][0] == "command_delay@1"
@@ -231,9 +238,9 @@ def test_the_command_writes_a_reference_that_a_controller_follows(
     assert whole["speed"] <= 0.5 and whole["current"] <= 10.0
 
 
-def test_the_table_names_every_motion(arm: Arm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_table_names_every_motion(arm: Arm, robot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "reference.csv"
-    arguments = ["excite", str(arm.folder), "--separate", "torque_constant,payload", "--duration", "2"]
+    arguments = ["excite", robot, "--separate", "torque_constant,payload", "--duration", "2"]
     assert main([*arguments, "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "expected to separate: no" in said
@@ -272,12 +279,12 @@ REFUSED = {
 
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_cannot_be_is_refused_in_one_sentence(
-    arm: Arm, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    robot: str, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     arguments, sentence = REFUSED[what]
     pair = [] if "--separate" in arguments else ["--separate", "stribeck_friction,presliding_friction"]
-    assert main(["excite", str(arm.folder), *pair, *arguments]) == 2
+    assert main(["excite", robot, *pair, *arguments]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.lstrip()[:1].isdigit()]
     assert len(lines) == 1 and sentence in lines[0] and lines[0].endswith("."), lines
     assert list(tmp_path.iterdir()) == []
@@ -306,8 +313,9 @@ def test_limits_within_which_nothing_is_seen_to_move_are_refused_before_the_mode
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("hdagen.excite.separation", lambda *_: pytest.fail("the costly part was begun"))
+    monkeypatch.setenv("HDAGEN_BUILD", str(level.folder.parent))
     pair = ["--separate", "stribeck_friction,presliding_friction", "--duration", "2"]
-    assert main(["excite", str(level.folder), *pair, "--limits", limit]) == 2
+    assert main(["excite", str(level.folder.parent / "level.toml"), *pair, "--limits", limit]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.lstrip()[:1].isdigit()]
     assert len(lines) == 1 and lines[0].endswith("; widen the limits."), lines
     assert lines[0].startswith(f"the limits admit no motion: one that moves joint 1 by {SEEN} steps of its encoder")
