@@ -26,13 +26,11 @@ def read_robot(file: Path, label: str) -> bytes:
             raise RobotError([f"{label}: found no regular file, {possible}; correct the name."])
         with file.open("rb") as stream:
             raw = stream.read(LARGEST + 1)
-    except FileNotFoundError:
+    except (FileNotFoundError, ValueError):  # a zero byte is in no name
         raise RobotError([f"{label}: found no such file, {possible}; correct the name."]) from None
-    except (OSError, ValueError) as problem:
-        why = getattr(problem, "strerror", None) or str(problem)
-        raise RobotError(
-            [f"{label}: found a file that cannot be read ({why}), {possible}; check name and rights."]
-        ) from None
+    except OSError as problem:
+        why = f"found a file that cannot be read ({problem.strerror})"
+        raise RobotError([f"{label}: {why}, {possible}; check name and rights."]) from None
     if len(raw) > LARGEST:
         raise RobotError([f"{label}: found more than {LARGEST} bytes, {possible}, which is far smaller; name one."])
     return raw

@@ -21,6 +21,7 @@ FEWEST = 20
 FINITE = 0.5  # share of values that a channel must have
 SURE = 4.0  # standard errors by which a clock must be better, or an uncertainty above nothing
 ACROSS = 6, 20  # rows to each side of one that may be missing: few part two that are near, many see through jitter
+BETTER = 0.04  # of the scatter's square, that a clock must take away at least
 FLOOR = 1e-3  # of a usual window's scatter, below which it is not counted
 WORTH = 1.0  # of a sensor's variance, that what is off in time must add to count
 SOUND = 0.9  # share of windows that must tell of the clock, else a channel says nothing of it
@@ -101,9 +102,11 @@ def _by_stamps_alone(stamps: np.ndarray, even: np.ndarray) -> Clock:
 
 def _jitters(stamps: np.ndarray, even: np.ndarray) -> bool:
     """Whether stamps stray from even instants each by itself, as a logger's do: a machine that is late stays late."""
-    off = stamps - even - np.mean(stamps - even)
-    if len(off) < FEWEST or float(np.std(off)) < SLIGHT * _period(even):
+    off = stamps - even - np.median(stamps - even)
+    usual = float(np.median(np.abs(off)))
+    if len(off) < FEWEST or usual < SLIGHT * _period(even):
         return False
+    off = np.clip(off, -CUT * usual, CUT * usual)
     return float(off[1:] @ off[:-1]) < FOLLOWING * float(off @ off)
 
 
@@ -213,7 +216,7 @@ def _smoother(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether the scatter (K, M) of one clock is surely below that of another."""
     ratios = _log_ratio(one, other)
     error = float(np.std(ratios)) / np.sqrt(len(ratios))
-    return float(ratios.mean()) < -SURE * error and error > 0
+    return float(ratios.mean()) < -max(SURE * error, BETTER) and error > 0
 
 
 def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray, most: float) -> float:

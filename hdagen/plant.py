@@ -285,7 +285,7 @@ class Arm:
     @property
     def _memory_step(self) -> float:
         """The step that the memories of effects are prepared for, s; inf where none is slowed to one."""
-        return self.parameters.get("memory_step", math.inf)
+        return self.parameters["memory_step"] if "memory_step" in self.parameters.described else math.inf
 
     @property
     def stable_step(self) -> float:

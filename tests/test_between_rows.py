@@ -10,6 +10,9 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen.between_rows import between_rows
 from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.design import knots, torque_units, uncertain_torque
+from hdagen.diagnosis.evidence import TORQUES, posteriors
+from hdagen.diagnosis.linear import Gram, Linear
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Lane, Shooting
@@ -115,3 +118,22 @@ def test_of_a_measured_input_no_effect_of_commands_is_asked(build: Callable) -> 
     inputs = np.empty((len(log), arm.nu))
     shooting._drive(arm.at(late), Lane(late, shooting.begun(late)), slice(None), inputs)
     assert np.array_equal(inputs[:, 0], seen.command[:, 0])
+
+
+def test_what_is_uncertain_of_a_measured_input_is_the_least_torque_left_unexplained(heavy: Arm) -> None:
+    log = looped(heavy, 5, 4.0)
+    shooting = Shooting(heavy, record(heavy, Portion.whole(log), 0.25))
+    noise = shooting.record.input_noise
+    assert noise[0] == pytest.approx(between_rows(heavy, log, 1, log["motor_torque_1"]).uncertainty)
+    assert NOISE / np.sqrt(2) < noise[0] < 3 * NOISE
+    steps = 25 / knots(shooting)
+    assert uncertain_torque(shooting) == pytest.approx(noise[0] / torque_units(shooting)[0] / np.sqrt(steps))
+    gram = Gram(np.eye(4)[None], 1, 1)
+    for least in (0.0, 0.5, 1e9):
+        linear = Linear(gram, np.zeros((1, 4)), np.ones(1), np.array([9]), np.zeros(2), least=least)
+        for near in (None, 1e-3):
+            found = min(one.s for one in posteriors(linear, np.ones(2), near))
+            assert found >= min(least, TORQUES[-1]) and (least > 0 or found < 0.5)
+    commanded = {"motor_torque_command_1": log["motor_torque_1"], "joint_position_1": log["joint_position_1"]}
+    told = record(heavy, Portion.whole(Log(log.time, commanded, 1, "commanded")), 0.25)
+    assert told.input_noise.tolist() == [0.0]

@@ -24,6 +24,7 @@ from gen.mass import mass_matrix
 from gen.model import Model
 from gen.presets import presets
 from gen.robot import Robot, RobotError, load
+from gen.schema import keys
 from gen.stability import ACCURATE, STABLE, Examination, examine
 
 
@@ -309,3 +310,16 @@ def test_a_spring_that_is_only_looked_for_is_carried_by_the_step_that_carries_th
     assert canonical(model.robot)["effects"] == []  # the file states none
     for q in (q for q in model.quantities if q.effect == "missing_compliance"):
         assert q.low <= q.nominal <= q.high, q.name
+
+
+def test_a_fit_may_find_no_number_that_a_robot_file_may_not_state(tmp_path: Path) -> None:
+    """The nearest to linear that springs can be stated is the least that they can be found."""
+    path = tmp_path / "robot.toml"
+    path.write_text(arm("RR").replace("stiffening = 0.0831", "stiffening = 1e-6").replace("= 27.027", "= 1e-3"))
+    ranges = {name: key.range for table in ("", "joint", "joint.drive") for name, key in keys(table).items()}
+    for source in (str(path), *presets()):
+        for q in Model(load(source), NOMINAL).quantities:
+            name = q.name.rpartition("_")[0]
+            if q.role == "base" and name in ranges and not (name == "inertia" and q.nominal < 0.0):  # lumped
+                assert q.low in ranges[name] and q.high in ranges[name], (source, q.name)
+                assert q.low <= q.nominal <= q.high

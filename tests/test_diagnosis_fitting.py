@@ -14,7 +14,7 @@ from hdagen.diagnosis.candidates import Atom, Column, Dictionary
 from hdagen.diagnosis.evidence import TORQUES, laplace, posteriors, settled
 from hdagen.diagnosis.fitting import ENOUGH, STIFF, Fitted, advanced
 from hdagen.diagnosis.linear import Gram, Linear, Reduced
-from hdagen.diagnosis.search import CLOSE, FAINTLY, OUTDONE, WORTH, _promising, _race
+from hdagen.diagnosis.search import CLOSE, DEAR, FAINTLY, OUTDONE, WORTH, _deserved, _promising, _race
 
 
 def shaken(s: float) -> Linear:
@@ -178,6 +178,29 @@ def test_what_promises_a_small_part_of_what_another_one_does_is_not_begun(monkey
     monkeypatch.setattr(search, "begun", lambda at, words, atoms, near, start: atoms)
     assert gains["faint"] > WORTH
     assert _promising(at, words, scored, {}, (), 9, WORTH) == [(0,), (1,)]  # type: ignore[comparison-overlap]
+
+
+def test_sets_that_begin_by_themselves_take_no_place_from_what_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted: list[str] = []
+    monkeypatch.setattr(search, "_further", lambda words, say, when, one: fitted.append(one.names) or one)
+    field = runners({"ab": 10 * CLOSE, "abc": 9.9 * CLOSE, "a": 9.8 * CLOSE, "b": 9.7 * CLOSE})
+    _race(field, None, (1, 1), lambda word: None)  # type: ignore[arg-type]
+    assert {name: fitted.count(name) for name in ("ab", "abc", "a", "b")} == {"ab": 2, "abc": 2, "a": 2, "b": 1}
+
+
+@pytest.mark.parametrize(("ahead", "leads"), [(0.9, "a"), (1.1, "ab")])
+def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: float, leads: str) -> None:
+    class Whole(Runner):
+        whole = True
+
+        def bare(self) -> Any:
+            return Runner(**vars(self), whole=False)
+
+    ends = {"ab": ahead * DEAR, "a": 0.0, "": -100.0}
+    field: Any = [Whole(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
+    found = _deserved(field)
+    assert [f.names for f in found] == list(ends)  # none is lost
+    assert search.first_whole(found).names == leads
 
 
 @pytest.mark.parametrize(("lacks", "rounds"), [(0.9 * OUTDONE, 3), (1.1 * OUTDONE, 0)])

@@ -11,9 +11,12 @@ from replayed import FLEXIBLE, simulated
 
 from hdagen.columns import commanded
 from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.first_look import first_look
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.regression_start import MOST, Regression
+from hdagen.diagnosis.search import best_first, search
+from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
@@ -92,6 +95,25 @@ def test_frictions_that_the_file_lacks_at_both_joints_are_found_together(
     assert right in sets and max(map(len, sets)) <= MOST
     told = sizes(arm, words, sets[right].theta)
     assert told == pytest.approx(truth, rel=0.05)
+
+
+@pytest.mark.parametrize("stated", [(0.0, 0.0), (0.1, 0.05)])
+def test_the_search_ends_with_all_frictions_that_the_file_lacks(build: Builder, stated: tuple[float, float]) -> None:
+    arm = legs(build, *stated)
+    truth = TRUTH if not any(stated) else {"coulomb_friction_1": 2.5, "coulomb_friction_2": 2.0}
+    log = driven(arm, truth, gain=40.0 if not any(stated) else 120.0)
+    shooting = Shooting(arm, record(arm, Portion.whole(log), 0.05))
+    best = best_first(search(shooting, first_look(shooting)[0], lambda word: None).fitted)[0]
+    assert best.names == tuple(sorted(name.replace("_1", "@1").replace("_2", "@2") for name in truth))
+    names = list(arm.parameters.described)
+    fitted = {name: float(best.design.point.p[names.index(name)]) for name in truth}
+    assert fitted == pytest.approx(truth, rel=0.05)
+
+
+def test_friction_may_be_any_number_of_times_what_the_file_states(build: Builder) -> None:
+    described, left_out = (legs(build, *stated).parameters.described for stated in ((0.1, 0.05), (0.0, 0.0)))
+    for name in TRUTH:
+        assert described[name].high == left_out[name].high
 
 
 def test_where_nothing_is_missing_no_set_is_proposed(build: Builder) -> None:

@@ -444,7 +444,10 @@ def test_names_that_are_html_are_text(arm: Arm, tmp_path: Path) -> None:
     all_ = seen(arm, {"cable_spring@2": TRUTHS["cable_spring@2"][0]})
     _, said, *_ = all_
     said["robot"]["name"] = said["data"]["log"] = NAME
-    for kind in ("notes", "warnings", "repaired", "missing"):
+    said["data"]["repaired"] = [
+        {"log": NAME, "name": "contradicted", "joint": 1, "what": f"column {NAME} is left out."}
+    ]
+    for kind in ("notes", "warnings", "missing"):
         said["data"][kind] = [f"column {NAME} is read as motor_position_1"]
     write(all_, arm, tmp_path / "report.html", f"    hdagen diagnose {NAME} {NAME}")
     check_escaped((tmp_path / "report.html").read_text(encoding="utf-8"), 6)

@@ -271,15 +271,15 @@ def test_a_size_at_an_end_of_what_it_may_be_is_more_than_is_known(
 
 
 @pytest.mark.parametrize(
-    ("after", "achievable", "little"),
+    ("after", "others", "little"),
     [
-        (3.0, 1.0, True),  # a few times the noise
-        (40.0, 35.0, True),  # no structureless correction leaves much less
-        (40.0, 20.0, False),
-        (40.0, None, True),
-        (1550.0, 6390.0, False),  # whatever a correction leaves
-        (312.0, 396.0, False),
+        (3.0, [1.0], True),  # a few times the noise
+        (40.0, [35.0, 900.0], True),  # nothing leaves much less
+        (40.0, [900.0, 20.0], False),
+        (926.0, [2445.0, 74.0], False),
+        (1550.0, [6390.0], False),  # whatever else leaves
+        (5.0, [], True),
     ],
 )
-def test_a_verdict_that_leaves_much_is_not_sure(after: float, achievable: float | None, little: bool) -> None:
-    assert leaves_little({"before": 6390.0, "after": after, "achievable": achievable}) == little
+def test_a_verdict_that_leaves_much_is_not_sure(after: float, others: list[float], little: bool) -> None:
+    assert leaves_little(after, others) == little

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from compiled import Compiled
+from numpy.linalg import LinAlgError
 from test_shooting import shooting
 
+from hdagen.diagnosis import fitting
 from hdagen.diagnosis.candidates import SHARES, TOLERATED, dictionary
 from hdagen.diagnosis.design import TEMPERATURE, Point, design
 from hdagen.diagnosis.fitting import Fitted, advanced, begun, instead
 from hdagen.diagnosis.starts import suggested
+from hdagen.plant import PlantError
 
 Builder = Callable[..., Compiled]
 NAMES = {"transmission_hysteresis@1", "sensor_delay@1"}
@@ -56,3 +60,18 @@ def test_another_effect_begins_where_the_linear_model_has_it(fit: Fitted) -> Non
         if c.atom in fit.atoms and c.spike < 1.0:
             off = found.design.point.p[c.index] - c.center
             assert abs(off) <= TOLERATED * SHARES[0] * abs(c.unit) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("error", [PlantError("begun must be finite."), LinAlgError("singular")])
+def test_a_hypothesis_whose_step_fails_stands_where_it_is(
+    fit: Fitted, error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*of: object) -> None:
+        raise error
+
+    shooting, words = fit.design.shooting, fit.design.words
+    failed, further = shooting.failed, replace(fit, stands=False, ahead=1e3)
+    monkeypatch.setattr(fitting, "descend", fails)
+    found = advanced(further, words)
+    assert found.stands and found.reached == further.reached and found.design is fit.design
+    assert shooting.failed == failed + 1

@@ -77,16 +77,16 @@ def run_prepared(command: str, folder: Path, environment: dict[str, str]) -> sub
 SOME = ["fleet", *(pytest.param(command, marks=pytest.mark.campaign) for command in PREPARE if command != "fleet")]
 
 
-@pytest.mark.parametrize("command", SOME)
+@pytest.mark.parametrize("command", [one for one in SOME if "blind" not in str(one)])  # blind wants an empty folder
 def test_a_full_disk_is_said_and_nothing_is_half_written(
     command: str, tmp_path: Path, mount: Callable[[str, Path], Path], environment: dict[str, str]
 ) -> None:
     disk = mount("size=16k", tmp_path / "out")
-    (disk / "mine").write_bytes(b"x" * 12_000)
+    (disk / "mine").write_bytes(b"x" * 16_384)
     done = run_prepared(command, tmp_path, environment)
     assert done.returncode == 2, done.stderr
     assert "No space left on device" in done.stderr.splitlines()[-1] and "Traceback" not in done.stderr
-    assert (disk / "mine").read_bytes() == b"x" * 12_000
+    assert (disk / "mine").read_bytes() == b"x" * 16_384
     assert find_parts(disk) == find_broken(disk) == []
 
 

@@ -141,7 +141,9 @@ def test_every_decision_can_be_said(weights: list[float], strange: float | None,
         Hypothesis(n, w / sum(shares), None if n == (STRANGE,) else FIT) for n, w in zip(names, shares, strict=True)
     ]
     first = decided(given_, FIT)
-    for found in (first, beside(first, alone), known(first), beside(known(first), alone)):
+    second = beside(first, alone)
+    for found in (first, second, known(first), known(second), beside(known(first), alone)):
+        assert () in [h.names for h in found.hypotheses]
         assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
         assert found.verdict in [h.names for h in found.hypotheses]
         for said in (list(found.verdict), [n for n in found.verdict if n.startswith("unknown@")]):  # or withdrawn

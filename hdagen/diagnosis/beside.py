@@ -70,6 +70,7 @@ def beside(decision: Decision, found: Sequence[Sure]) -> Decision:
     probable, rest = max(said.probability, same.probability), sum(h.probability for h in others)
     share = (1.0 - probable) / rest if rest > 0.0 else 0.0  # of what else it may be: that is as it was calibrated
     hypotheses = [replace(h, probability=h.probability * share) for h in others]
+    hypotheses += [] if said.names else [replace(said, probability=0.0)]  # none is always among them
     hypotheses.append(Hypothesis(names, probable if share else 1.0, same.fit or said.fit))
     return replace(
         decision,

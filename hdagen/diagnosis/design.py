@@ -67,7 +67,8 @@ class Design:
     @cached_property
     def _products(self) -> Linear:
         one = self.bundle([self.point], self.residual[None])
-        return Linear(self.gram, one.z[0], one.r2[0], one.rows, one.theta[0], TEMPERATURE)
+        least = uncertain_torque(self.shooting)
+        return Linear(self.gram, one.z[0], one.r2[0], one.rows, one.theta[0], TEMPERATURE, least)
 
     def bundle(self, points: Sequence[Point], residuals: Array) -> Bundle:
         """The same columns at other points with their ``residuals`` (B, R, M)."""
@@ -158,6 +159,14 @@ def torque_units(shooting: Shooting) -> Array:
     arm = shooting.arm
     friction = [arm.parameters.described[f"coulomb_friction_{j}"].nominal for j in range(1, arm.n + 1)]
     return SHARE * np.maximum(np.maximum(usual_torque(arm, shooting.record), 0.1 * np.array(friction)), 1e-6)
+
+
+def uncertain_torque(shooting: Shooting) -> float:
+    """What is uncertain of measured inputs over a step of unexplained torque, in its units: of the joint of which that
+    is least, as one size serves all."""
+    record = shooting.record
+    rows = float(np.mean(record.ends - record.starts)) / knots(shooting)
+    return float(np.min(record.input_noise / torque_units(shooting))) / np.sqrt(rows)
 
 
 def knots(shooting: Shooting) -> int:

@@ -30,7 +30,7 @@ from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
+from hdagen.diagnosis.standing import borne_out, doubted, known, leaves_little, outsized, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
 from hdagen.identity import identity
@@ -149,7 +149,7 @@ def _rivals(
     rest: tuple[Replay, Replay, Portion, Callable[[Arm], Replay]],
     attempts: Attempts,
 ) -> dict[str, Any]:
-    """`tolerated`, `ladder`, `causes` and `gap` of diagnosis.json; ``rest``: what the first two take beside the
+    """`tolerated`, `ladder`, `causes`, `gap` and `sure` of diagnosis.json; ``rest``: what the first two take beside the
     decision."""
     nothing: list[dict[str, Any]] = []
     said = verdict.read(content)
@@ -157,7 +157,8 @@ def _rivals(
     rungs = attempts.attempt("the ladder", lambda: ladder(decision, content["verdict"], *rest), nothing)
     causes = [cause | {"gap_after": left_by(cause, rungs)} for cause in content["causes"]]
     left = content["gap"] | bounds(content["gap"], rungs, little)
-    return {"tolerated": little, "ladder": rungs, "causes": causes, "gap": left}
+    certain = content["sure"] and leaves_little(left["after"], [left["flexible"], *(one["gap"] for one in rungs)])
+    return {"tolerated": little, "ladder": rungs, "causes": causes, "gap": left, "sure": certain}
 
 
 def _searched(

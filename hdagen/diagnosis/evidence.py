@@ -88,14 +88,15 @@ def posteriors(
 ) -> list[Posterior]:
     """The posterior at sizes s of unexplained torque a decade apart, each window at the scale of what it leaves; with
     ``near`` from that one on to where it is best: evidence answers to a third of s with as much as parts hypotheses."""
+    sizes = TORQUES[min(int(np.searchsorted(TORQUES, linear.least)), len(TORQUES) - 1) :]
     if near is None:
-        return together(lambda s: settled(linear, spike, s, bounds), TORQUES[::ROUGHLY].tolist())
-    here = int(np.argmin(np.abs(TORQUES - near)))
-    made = {here: settled(linear, spike, TORQUES[here], bounds)}
+        return together(lambda s: settled(linear, spike, s, bounds), sizes[::ROUGHLY].tolist())
+    here = int(np.argmin(np.abs(sizes - near)))
+    made = {here: settled(linear, spike, sizes[here], bounds)}
     for step in (sign * stride for stride in STRIDES for sign in (-1, 1)):
-        while 0 <= here + step < len(TORQUES):
+        while 0 <= here + step < len(sizes):
             if here + step not in made:
-                made[here + step] = settled(linear, spike, TORQUES[here + step], bounds)
+                made[here + step] = settled(linear, spike, sizes[here + step], bounds)
             if made[here + step].evidence <= made[here].evidence:
                 break
             here += step

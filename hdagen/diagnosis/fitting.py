@@ -22,7 +22,7 @@ from hdagen.diagnosis.design import TEMPERATURE, Design, Point, chosen, design, 
 from hdagen.diagnosis.evidence import Posterior, Scored, laplace, posterior, posteriors, settled
 from hdagen.diagnosis.linear import Linear, Summed
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.plant import Array
+from hdagen.plant import Array, PlantError
 
 FEW = 2  # effects, so few less than all of a set, or so few alone, are looked at
 DEPENDENT = 100.0  # of the log evidence that is still to be gained, what an effect must bring as its unit
@@ -204,9 +204,18 @@ def sharing(fit: Fitted, share: float) -> Fitted:
 def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     """A hypothesis one step further, its columns made anew there: about another point those of what is tolerated tell
     it a likelihood that is not its own. One that stands is left as it is; it stands where its linear model promises no
-    more, and where no step makes it better than what it has reached."""
+    more, where no step makes it better than what it has reached, and where a step fails, which is counted."""
     if fit.stands:
         return fit
+    try:
+        return _stepped(fit, words)
+    except (PlantError, np.linalg.LinAlgError):
+        fit.design.shooting.fail()
+        return replace(fit, stands=True)
+
+
+def _stepped(fit: Fitted, words: Dictionary) -> Fitted:
+    """`advanced` of one that does not stand yet."""
     if fit.ahead < ENOUGH * fit.excess:
         return replace(fit, stands=True)
     tried: list[Fitted] = []

@@ -134,7 +134,8 @@ class Gram:
 @dataclass(frozen=True, eq=False)
 class Linear:
     """Columns with a residual: ``z`` their products with it (W, C), ``r2`` its own (W); ``rows`` of data (W); ``theta``
-    where it was measured (P); ``temperature``: the likelihood counts as its root of that order."""
+    where it was measured (P); ``temperature``: the likelihood counts as its root of that order; ``least``: size of the
+    torques that is known of, as the inputs are uncertain by it."""
 
     gram: Gram
     z: Array
@@ -142,6 +143,7 @@ class Linear:
     rows: Array
     theta: Array
     temperature: float = 1.0
+    least: float = 0.0
     kept: dict[float, tuple[Array, Array]] = field(init=False, repr=False, default_factory=dict)
     stood: dict[float, Array] = field(init=False, repr=False, default_factory=dict)
 

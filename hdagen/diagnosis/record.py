@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from hdagen.between_rows import between_rows
 from hdagen.channels import describe
 from hdagen.columns import commanded
 from hdagen.determined import ROWS
@@ -39,7 +40,8 @@ class Record:
     """``shown`` (T): rows that the fit may look at. ``command`` (T, nu): row k is held to row k + 1. ``measured``
     (T, M) with ``noise`` (M) standard deviations; windows are the rows from ``starts`` (W) to ``ends`` (W); ``begun``
     (W, nx) their first states as measured; ``clock`` (T, M) what the log's clock leaves uncertain of each value, whose
-    mean ``noise`` has within."""
+    mean ``noise`` has within; ``input_noise`` (n) standard deviation, N m at the motor, of what acts from a row to the
+    next where it was measured; 0 where it was commanded."""
 
     log: Log
     shown: Mask
@@ -54,6 +56,7 @@ class Record:
     ends: Rows
     begun: Array
     clock: Array
+    input_noise: Array
 
     @cached_property
     def rows(self) -> Rows:
@@ -173,7 +176,20 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
         ends,
         _begun(arm, log, starts),
         np.stack([instants_noise(arm, log, name) for name in names], 1),
+        _input_noise(arm, log),
     )
+
+
+def _input_noise(arm: Arm, log: Log) -> Array:
+    """What is uncertain of each joint's measured input (n), N m at the motor: its sensor's noise, and what it does
+    between rows."""
+    found, gains = np.zeros(arm.n), torque_per_input(arm)
+    for j in range(1, arm.n + 1):
+        name = driving_channel(log, j, "command")
+        if name is not None and not is_command(name):
+            gain = 1.0 if "torque" in name else gains[j - 1]
+            found[j - 1] = gain * between_rows(arm, log, j, log[name]).uncertainty
+    return found
 
 
 def _followed(log: Log, name: str, shown: Mask) -> float:

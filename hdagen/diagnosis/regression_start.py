@@ -22,9 +22,12 @@ import numpy as np
 
 from hdagen.diagnosis.bounds import Bounds, bounded
 from hdagen.diagnosis.candidates import SLAB, TOLERATED, Dictionary, is_broad
+from hdagen.diagnosis.design import Design
+from hdagen.diagnosis.fitting import Fitted, begun
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record
+from hdagen.diagnosis.scan import put_sizes
 from hdagen.plant import Arm, Array
 from hdagen.together import together
 
@@ -143,6 +146,25 @@ class Regression:
     def _tells(self, more: Regressed, less: Regressed) -> bool:
         """Whether a set with one more effect leaves so much less of a balance that it is worth a start."""
         return more.left < less.left and bool((more.by_balance < LESS**2 * less.by_balance).any())
+
+
+def begin_sets(regression: Regression, at: Design, near: float) -> list[Fitted]:
+    """The best sets of several effects, each begun at its sizes.
+
+    Args:
+        regression: of the record and the words of ``at``.
+        at: about the robot file's numbers.
+        near: a size of unexplained torque to begin from.
+
+    Returns:
+        Them, the smallest first.
+
+    """
+
+    def begin(one: Regressed) -> Fitted:
+        return begun(at, at.words, one.atoms, near, put_sizes(at, at.words, one.atoms, one.theta))
+
+    return together(begin, regression.sets())
 
 
 def _sampled(record: Record) -> list[Portion]:

@@ -115,14 +115,11 @@ def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> lis
 
 
 def put_sizes(at: Design, words: Dictionary, atoms: tuple[int, ...], theta: Array) -> Point:
-    """The point of ``at`` with atoms in their shapes and at sizes θ (P), within their bounds."""
-    described = list(at.shooting.arm.parameters.described.values())
-    point = at.point
+    """The point of ``at`` with atoms in their shapes and at sizes θ (P), as far as their bounds allow."""
     for k in atoms:
         values = {c.index: c.center + float(theta[i]) * c.unit for i, c in enumerate(words.columns) if c.atom == k}
-        within = {i: min(max(value, described[i].low), described[i].high) for i, value in values.items()}
-        point = put(replace(at, point=point), words.atoms[k], within)
-    return point
+        at = replace(at, point=put(at, words.atoms[k], values))
+    return at.point
 
 
 def put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:

@@ -15,8 +15,8 @@ from hdagen.diagnosis.evidence import Scored, large, posteriors, score
 from hdagen.diagnosis.first_look import first, likeliest
 from hdagen.diagnosis.fitting import ENOUGH, Fitted, advanced, again, anew, begun, instead, lessened, sharing
 from hdagen.diagnosis.orders import heard
-from hdagen.diagnosis.regression_start import Regressed, Regression
-from hdagen.diagnosis.scan import Start, put, put_sizes, scan
+from hdagen.diagnosis.regression_start import Regression, begin_sets
+from hdagen.diagnosis.scan import Start, put, scan
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.together import together
 
@@ -74,18 +74,9 @@ def search(shooting: Shooting, words: Dictionary, say: Callable[[str], None]) ->
     field = [
         begun(at, words, (), none.at.s),
         *_promising(at, words, screened, starts, (), FIELD[0], WORTH),
-        *(_regressed(at, words, regression, none.at.s) if regression else []),
+        *(begin_sets(regression, at, none.at.s) if regression else []),
     ]
     return Search(words, tuple(raced(at, words, field, say)), tuple(screened))
-
-
-def _regressed(at: Design, words: Dictionary, regression: Regression, near: float) -> list[Fitted]:
-    """The sets that a regression of the missing torque makes likely, each begun at its sizes."""
-
-    def begin(one: Regressed) -> Fitted:
-        return begun(at, words, one.atoms, near, put_sizes(at, words, one.atoms, one.theta))
-
-    return together(begin, regression.sets())
 
 
 def _screened(at: Design) -> list[Scored]:
@@ -115,17 +106,19 @@ def _shared(fitted: list[Fitted], words: Dictionary) -> tuple[list[Fitted], Dict
     return _promising_first([*(fit.bare() for fit in moved if fit not in further), *gone]), words
 
 
-def raced(at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str], None]) -> list[Fitted]:
+def raced(
+    at: Design, words: Dictionary, field: list[Fitted], say: Callable[[str], None], least: float = -np.inf
+) -> list[Fitted]:
     """The hypotheses of ``field``, which is used up, fitted, and those with one more effect beside the best as long as
     that gets better; the best first, the others without their columns. Where the best leaves much, one more effect is
     tried beside the next best, too: of two effects the one that seems the larger may be a third one that stands in for
-    both."""
+    both. Nothing is tried beside what does not reach ``least`` log evidence."""
     fitted = _deserved(_race(field, words, FIELD, say))
-    if _beyond(fitted):
+    if _beyond(fitted) or best_first(fitted)[0].reached < least:
         return bared(best_first(fitted))
     fitted, words = _shared(fitted, words)
     lead = first_whole(fitted)
-    leads = [lead, *[f for f in fitted if f is not lead and f.whole and f.atoms and _much(lead, fitted)][:1]]
+    leads = [lead, *[f for f in fitted if f is not lead and f.whole and f.atoms and leaves_much(lead, fitted)][:1]]
     while len(leads[0].atoms) < MOST:
         before = leads[0]
         for lead in leads:
@@ -226,7 +219,7 @@ def _from(lead: Fitted, words: Dictionary, say: Callable[[str], None], begin: Be
     return fit
 
 
-def _much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
+def leaves_much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
     """Whether the best leaves much of what none does."""
     none = next((f for f in fitted if not f.atoms), lead)
     return lead.clean - lead.reached > MUCH * (none.clean - none.reached)

@@ -18,7 +18,7 @@ from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.fitting import Fitted, begun
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record, record
-from hdagen.diagnosis.search import TRAILING, Search, bared, best_first, raced
+from hdagen.diagnosis.search import TRAILING, Search, bared, best_first, leaves_much, raced
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.plant import Arm, Array, load
@@ -45,12 +45,17 @@ def with_springs(
     words = dictionary(flexible, suggested(flexible, shooting.record), shooting.record.uncommanded).sharing(
         found.words.share
     )
-    fits = raced(*_begun(shooting, words, found), say)
+    at, field = _begun(shooting, words, found)
+    lead = best_first(found.fitted)[0]
+    least = (
+        -np.inf if leaves_much(lead, found.fitted) else lead.reached
+    )  # what leaves little and gains nothing by springs
+    fits = raced(at, words, field, say, least)
     return replace(found, fitted=tuple(bared(best_first([*found.fitted, *fits]))))
 
 
-def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design, Dictionary, list[Fitted]]:
-    """Where a race of springs begins: their design, the words, and the field, at each size the springs alone and, where
+def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design, list[Fitted]]:
+    """Where a race of springs begins: their design, and the field, at each size the springs alone and, where
     these promise less than what was ``found`` without has reached, beside that; then alone only if they promise a
     share of what that gains."""
     springs = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
@@ -63,13 +68,13 @@ def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design
         at = design(shooting, words, Point(p, shooting.begun(p)))
         alone.append(begun(at, words, springs, near))
     if not beside or max(fit.score.evidence for fit in alone) >= lead.reached:
-        return at, words, alone
+        return at, alone
     least = none.reached + TRAILING * (lead.reached - none.reached)
     field = [fit for fit in alone if fit.score.evidence >= least]
     for size in SIZES:
         p = _stiffened(shooting.arm, words, springs, _carried_over(shooting.arm, lead), size)
         field.append(begun(at, words, (*springs, *beside), near, Point(p, shooting.begun(p))))
-    return at, words, field
+    return at, field
 
 
 def _stiffened(flexible: Arm, words: Dictionary, springs: tuple[int, ...], p: Array, size: float) -> Array:

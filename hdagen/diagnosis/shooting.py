@@ -301,8 +301,14 @@ class Shooting:
         told[:] = told if np.isfinite(lane.p).all() else np.nan
         with self.counting:
             self.run += 1
-            self.failed += bool(not np.isfinite(told).all() or self._stayed(x).any())
+        if not np.isfinite(told).all() or self._stayed(x).any():
+            self.fail()
         return told
+
+    def fail(self) -> None:
+        """Counts what has failed, from any thread."""
+        with self.counting:
+            self.failed += 1
 
     def _stayed(self, x: Array) -> Mask:
         """Of which windows (K) the states (R, nx) stay at the end though they move: those fly apart."""

@@ -50,7 +50,6 @@ def stands(
         after = counted(named, said)
         content["gap"] = gap(before, after, held_out, flexible)
         if content["gap"]["before"] >= NOISE and _closes(content["gap"], bool(said.unknown and base)):
-            content["sure"] = content["sure"] and leaves_little(content["gap"])
             return named, after
     kept = [f"unknown@{joint}" for joint in said.unknown] if content["gap"]["before"] >= NOISE else []
     content |= {"verdict": kept, "sure": False, "where": []}
@@ -65,11 +64,18 @@ def _closes(told: dict[str, Any], bent: bool) -> bool:
     return bool(told["after"] < told["before"] and surely)
 
 
-def leaves_little(told: dict[str, Any]) -> bool:
-    """Whether what a verdict leaves of a gap, as `gap` has it, is so little that it can be sure: where that is many
-    times the noise, and a flexible correction leaves far less, or it is many times that, another set may explain it."""
-    reachable = told["before"] if told["achievable"] is None else told["achievable"]
-    return bool(told["after"] <= ABOVE or (told["after"] <= FAR and reachable > MOST * told["after"]))
+def leaves_little(after: float, others: Sequence[float]) -> bool:
+    """Whether what a verdict leaves of a gap is so little that it can be sure.
+
+    Args:
+        after: gap with the verdict, in multiples of the noise.
+        others: what each other set of effects leaves, and a flexible correction, in the same.
+
+    Returns:
+        False where many times the noise is left and something else leaves far less, or very many times the noise.
+
+    """
+    return after <= ABOVE or (after <= FAR and min(others, default=after) > MOST * after)
 
 
 def doubted(
