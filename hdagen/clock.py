@@ -224,6 +224,8 @@ def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray, most: float) -
     that is not sure, little beside what the sensors scatter by themselves, or above ``most``, which is no clock's."""
     slopes, errors, shares = [], [], []
     for s2, v2 in zip(variance.T, squared_speed.T, strict=True):
+        if np.mean(s2) < 1e-100:  # an encoder that does not scatter tells nothing, and its weight would be infinite
+            continue
         usual = max(float(np.quantile(s2, 0.1)), 1e-3 * float(np.median(s2)), np.finfo(float).tiny)
         good = (s2 < CUT * usual) | (s2 < v2 * most**2)
         if np.mean(good) < SOUND:

@@ -40,3 +40,8 @@ def test_a_campaign_finds_no_death_no_hang_and_no_traceback(tmp_path: Path, name
     counts, wrong = campaign(names, count, tmp_path)
     print(counts)
     assert wrong == []
+
+
+def test_an_encoder_that_stands_exactly_still_divides_by_nothing(tmp_path: Path) -> None:
+    kind = next(kind for kind in kinds(tmp_path) if kind.name == "columns.toml")
+    assert fate(kind, mutant(kind, 3822), tmp_path) in ("read", "refused")

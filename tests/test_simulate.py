@@ -219,7 +219,7 @@ def test_the_command_writes_a_log_and_says_what_came_out(command: Callable[..., 
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        (["--gain", "stiffness_z=1"], "no gain named stiffness_z; there are period"),
+        (["--gain", "stiffness_z=1"], "no gain named stiffness_z; there are stiffness_x"),
         (["--gain", "stiffness_x"], "NAME=VALUE"),
         (["--gain", "stiffness_x=nan"], "gain stiffness_x is nan"),
         (["--radius", "0.9"], "does not reach"),
