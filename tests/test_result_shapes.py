@@ -24,6 +24,7 @@ from hdagen import fleet_page, verdict
 from hdagen.diagnosis import report
 from hdagen.diagnosis.beside import Sure, beside
 from hdagen.diagnosis.decide import Decision, Hypothesis, decided
+from hdagen.diagnosis.diagnose import _model
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.missing import look
 from hdagen.diagnosis.portion import Portion, blocks
@@ -153,6 +154,17 @@ def test_every_decision_can_be_said(weights: list[float], strange: float | None,
 def _told(found: Decision, said: list[str]) -> dict[str, Any]:
     sets = [{"effects": list(h.names), "probability": h.probability} for h in found.hypotheses]
     return content(said, [[]], hypotheses=sets)
+
+
+def test_a_verdict_without_a_spring_is_replayed_with_rigid_drives() -> None:
+    """Though its parameters were fitted in a model that has springs, which are as good as rigid and no more."""
+    rigid: Any = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(("coulomb_friction_1", "mass_1"))))
+    springs: Any = SimpleNamespace()
+    one: Any = SimpleNamespace(best=SimpleNamespace(design=SimpleNamespace(shooting=SimpleNamespace(arm=springs))))
+    said = content([FRICTION], [[FRICTION]], parameters={"mass_1": estimate(2.0)})
+    assert _model(rigid, one, said) is rigid
+    spring = cause("missing_compliance@1", 0.9, {"missing_compliance": estimate(1e-4)})
+    assert _model(rigid, one, content(["missing_compliance@1"], [[FRICTION]], causes=[spring])) is springs
 
 
 # -- pages ------------------------------------------------------------------------------------------------------------

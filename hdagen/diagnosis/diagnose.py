@@ -96,8 +96,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     def told(decided: Decision) -> Told:
         for one in dict.fromkeys((beside(decided, alone), decided)):  # what was read off is withdrawn first
             content = findings(found, one)
-            arm = one.best.design.shooting.arm  # has every effect; with the verdict's alone one is to be compiled
-            changed, after = stands(plain, arm, content, before, held_out, flexible, counted)
+            changed, after = stands(plain, _model(arm, one, content), content, before, held_out, flexible, counted)
             if content["verdict"] == list(one.verdict):
                 break
         return one, content, changed, after
@@ -183,6 +182,15 @@ def _searched(
         found = attempts.attempt(stage, lambda: with_springs(robot, arm, seen, window, found, say), found)
         attempts.count({id(one): one for fit in found.fitted if (one := fit.design.shooting)}.values())
         return found, meanwhile.result()
+
+
+def _model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
+    """The model that a verdict is replayed on, which has every effect, as one with the verdict's alone is to be
+    compiled: ``arm``, whose rigid drives are rigid, or where that lacks what is said, the one with springs."""
+    said = verdict.read(content)
+    known = arm.parameters.described
+    lacks = any(name not in known for name in (*said.parameters, *said.base))
+    return decision.best.design.shooting.arm if lacks else arm
 
 
 def _own(decision: Decision, logs: Sequence[Log]) -> Decision:
