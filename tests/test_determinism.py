@@ -67,9 +67,10 @@ def test_a_diagnosis_is_the_same_to_the_bit_on_one_processor_and_two_alone_and_i
             check=True,
         )
 
-    ran("twice", 2, "robot.toml", "first.csv")
-    ran("alone", 2, "robot.toml", "first.csv")
-    ran("narrow", 1, "robot.toml", "first.csv")
+    alike = [str(tmp_path / name) for name in ("robot.toml", "first.csv")]  # as a fleet names them
+    ran("twice", 2, *alike)
+    ran("alone", 2, *alike)
+    ran("narrow", 1, *alike)
     ran("jobs1", 1, "--fleet", "fleet.toml", "--jobs", "1")
     ran("jobs2", 2, "--fleet", "fleet.toml", "--jobs", "2")
     alone = (tmp_path / "alone" / "diagnosis.json").read_bytes()
