@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -116,13 +117,24 @@ def _came(k: int, fit: Fitted) -> float:
     return float(np.abs(memory[:, own.index(f"{COMES[atom.effect]}_{atom.joint}")]).max())
 
 
-def decide(search: Search) -> Decision:
-    """Probabilities over none, every effect on every joint and the sets that were fitted, and the verdict."""
+def decide(search: Search, predicted: Mapping[tuple[str, ...], float] = MappingProxyType({})) -> Decision:
+    """Probabilities over none, every effect on every joint and the sets that were fitted, and the verdict.
+
+    Args:
+        search: all sets where they stand.
+        predicted: what prediction over long windows takes from their log odds, as `weigh_predictions` has it; of one
+            that is not among them as much as from none.
+
+    Returns:
+        The decision.
+
+    """
     words = search.words
     fits: dict[tuple[str, ...], Fitted] = {}
     for fit in search.fitted:
         fits.setdefault(fit.names, fit)
-    temperature, excess = search.fitted[0].temperature, search.fitted[0].excess
+    lead = next((fit for fit in search.fitted if not predicted.get(fit.names)), search.fitted[0])
+    temperature, excess = lead.temperature, lead.excess
     evidence: dict[tuple[str, ...], float] = {}
     stands: dict[tuple[str, ...], Fitted] = {}  # each set in its own fit if that is done, else where it is worth most
     for fit in search.fitted:
@@ -141,8 +153,9 @@ def decide(search: Search) -> Decision:
             evidence[names] = evidence[()] + min(s.evidence - linear, 0.0) / excess
             large[names] = s.large
     count = sum(len(names) == 1 for names in evidence)
-    top = max(evidence.values())
-    weight = {names: _prior(len(names), count) * np.exp(e - top) for names, e in evidence.items()}
+    told = {names: e + predicted.get(names, predicted.get((), 0.0)) for names, e in evidence.items()}
+    top = max(told.values())
+    weight = {names: _prior(len(names), count) * np.exp(value - top) for names, value in told.items()}
     for names, share in large.items():  # what is there and too small to count is none
         weight[()] += (1.0 - share) * weight[names]
         weight[names] *= share
@@ -159,7 +172,7 @@ def decide(search: Search) -> Decision:
             weight[names] = 0.0
     total = sum(weight.values())
     order = sorted(weight, key=lambda names: (-weight[names], names))
-    left = search.fitted[0]  # what even the best of all leaves
+    left = lead  # what even the best of all leaves
     # what is too small to count tells nothing of a gap: where that leads, none leaves what the best does
     strange = _strange(left, fits[()] if order[0] else left)
     unknown = float(strange / (1.0 + strange)) if strange > NEGLIGIBLE else 0.0

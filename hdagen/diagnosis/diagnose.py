@@ -25,6 +25,7 @@ from hdagen.diagnosis.ladder import ladder, left_by
 from hdagen.diagnosis.lasting import lasting
 from hdagen.diagnosis.missing import Sight, look
 from hdagen.diagnosis.portion import SHARE, Portion, parted
+from hdagen.diagnosis.prediction import weigh_predictions
 from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
@@ -86,7 +87,9 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     without = partial(_without_effects, plain, shown, held_out, counted)
     attempts = Attempts()
     found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say, attempts)
-    decision = _own(decide(found), logs)
+    say("prediction over long windows")
+    predict = partial(weigh_predictions, found, shown, lambda arm: _counted(replay(arm, shown.log), seen))
+    decision = _own(decide(found, attempts.attempt("prediction over long windows", predict, {})), logs)
     say("replay of held-out motion")
     alone = sure(arm, seen)
 

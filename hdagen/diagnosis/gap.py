@@ -79,6 +79,15 @@ def spread(before: Replay, seen: Sequence[Replay], held: Portion) -> list[tuple[
     return [(float(value), _middle(draw[k] for draw in drawn)) for k, value in enumerate(left)]
 
 
+def block_errors(seen: Sequence[Replay], portion: Portion) -> Array:
+    """What replays (R) err by in each block of a second of a ``portion`` (R, blocks): root mean squares in multiples of
+    the noise, `joined` over the channels."""
+    squares, rows, _ = _compared(seen[0], seen, portion)
+    begins = np.arange(0, len(rows), BLOCK)
+    counts = np.add.reduceat(rows, begins)
+    return joined(np.sqrt(np.add.reduceat(squares, begins, axis=1) / counts[:, None]))
+
+
 def _compared(before: Replay, seen: Sequence[Replay], held: Portion) -> tuple[Array, Rows, list[str]]:
     """Sums of squared errors in the channels' noise (replays, windows, channels), rows of each window, channels."""
     names = before.channels
