@@ -88,8 +88,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     attempts = Attempts()
     found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say, attempts)
     say("prediction over long windows")
-    predict = partial(weigh_predictions, found, shown, lambda arm: _counted(replay(arm, shown.log), seen))
-    decision = _own(decide(found, attempts.attempt("prediction over long windows", predict, {})), logs)
+    decision = _own(_decided(found, shown, seen, attempts), logs)
     say("replay of held-out motion")
     alone = sure(arm, seen)
 
@@ -191,6 +190,12 @@ def _model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
     known = arm.parameters.described
     lacks = any(name not in known for name in (*said.parameters, *said.base))
     return decision.best.design.shooting.arm if lacks else arm
+
+
+def _decided(found: Search, shown: Portion, seen: Record, attempts: Attempts) -> Decision:
+    """What a search says, its sets weighed by how they predict what is ``shown``, where that can be had."""
+    weigh = partial(weigh_predictions, found, shown, lambda arm: _counted(replay(arm, shown.log), seen))
+    return decide(found, attempts.attempt("prediction over long windows", weigh, {}))
 
 
 def _own(decision: Decision, logs: Sequence[Log]) -> Decision:
