@@ -152,13 +152,7 @@ def decide(search: Search, predicted: Mapping[tuple[str, ...], float] = MappingP
         if names not in evidence:
             evidence[names] = evidence[()] + min(s.evidence - linear, 0.0) / excess
             large[names] = s.large
-    count = sum(len(names) == 1 for names in evidence)
-    told = {names: e + predicted.get(names, predicted.get((), 0.0)) for names, e in evidence.items()}
-    top = max(told.values())
-    weight = {names: _prior(len(names), count) * np.exp(value - top) for names, value in told.items()}
-    for names, share in large.items():  # what is there and too small to count is none
-        weight[()] += (1.0 - share) * weight[names]
-        weight[names] *= share
+    weight = _weigh(evidence, large, predicted)
     for names in sorted(fits, key=len):
         if (more := _more(fits[names])) != names and evidence.get(more, -np.inf) > evidence[names] - BEHIND:
             weight[more] += weight[names]
@@ -181,6 +175,23 @@ def decide(search: Search, predicted: Mapping[tuple[str, ...], float] = MappingP
     if unknown:
         hypotheses.append(Hypothesis((f"unknown@{joint}",), unknown, None))
     return decided(hypotheses, left)
+
+
+def _weigh(
+    evidence: Mapping[tuple[str, ...], float],
+    large: Mapping[tuple[str, ...], float],
+    predicted: Mapping[tuple[str, ...], float],
+) -> dict[tuple[str, ...], float]:
+    """Posterior weights of sets: their log ``evidence``, what is ``predicted``, and their prior; of those in ``large``
+    the share that is as large as counts, the rest being none's: what is there and too small to count is none."""
+    count = sum(len(names) == 1 for names in evidence)
+    told = {names: e + predicted.get(names, predicted.get((), 0.0)) for names, e in evidence.items()}
+    top = max(told.values())
+    weight = {names: _prior(len(names), count) * float(np.exp(value - top)) for names, value in told.items()}
+    for names, share in large.items():
+        weight[()] += (1.0 - share) * weight[names]
+        weight[names] *= share
+    return weight
 
 
 def decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:

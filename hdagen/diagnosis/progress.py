@@ -18,6 +18,7 @@ BEHIND = {
     "what the log suggests": 0.03,
     "screening": 0.125,
     "going on with": 0.8,
+    "prediction over long windows": 0.82,
     "replay of held-out motion": 0.84,
     "what works all the time": 0.86,
     "what is tolerated": 0.88,
