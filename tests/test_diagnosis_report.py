@@ -94,6 +94,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "doubted": None,
         "alone": [],
         "tolerated": [],
+        "small": [],
         "ladder": [
             {"model": "robot file", "effects": [], "probability": None, "gap": 20.0, "interval": [18.0, 22.0]},
             {"model": "hypothesis", "effects": [], "probability": 0.1, "gap": 12.0, "interval": [11.0, 13.0]},

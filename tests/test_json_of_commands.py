@@ -55,6 +55,7 @@ FOUND = {
     "causes": [],
     "parameters": {},
     "tolerated": [],
+    "small": [],
     "gap": {"before": 1.0, "after": 1.0, "floor": 1.0, "achievable": 1.0, "shrink": None, "interval": None},
 }
 

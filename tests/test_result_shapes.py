@@ -80,6 +80,7 @@ def content(said: list[str], sets: list[list[str]], **changes: Any) -> dict[str,
         "doubted": None,
         "alone": [],
         "tolerated": [],
+        "small": [],
         "method": {"calibrated": True},
         "gap": GAPS[0] | {"floor": 1.0, "by_channel": CHANNEL},
     } | changes
@@ -91,6 +92,7 @@ MORE: dict[str, list[Any]] = {
     "causes": [CAUSES, []],
     "unseen": [[], [FRICTION, BIAS]],
     "parameters": [{}, {"mass_1": estimate(2.0)}],
+    "small": [[], [{"effect": "gravity_tilt", "joint": 0, "with": 2.0, "without": 2.1}]],
     "tolerated": [[], [{"effect": "gravity_tilt", "joint": 0, "parameters": {}, "size": 0.1, "gap": 0.2}]],
 }
 

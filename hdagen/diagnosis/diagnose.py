@@ -30,6 +30,7 @@ from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.small_effects import drop_small_effects
 from hdagen.diagnosis.standing import borne_out, doubted, known, leaves_little, outsized, stands
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.whereabouts import where
@@ -116,9 +117,10 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         decision = _own(better or decision, logs)
     decision, content, changed, after = told(decision)
     decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
-    if doubt:
+    decision, small = drop_small_effects(decision, lambda one: told(one)[1]["gap"])
+    if doubt or small:
         decision, content, changed, after = told(decision)
-    content |= {"doubted": doubt, "alone": [one.content for one in alone]}
+    content |= {"doubted": doubt, "alone": [one.content for one in alone], "small": small}
     say("what is tolerated, and what else it may be")
     content |= _rivals(decision, content, (before, after, held_out, counted), attempts)
     say("where and when")

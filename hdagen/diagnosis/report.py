@@ -82,12 +82,30 @@ def _gap(content: dict[str, Any]) -> Section:
         "Root mean square of the replay error in windows of 0.25 s, in multiples of each channel's noise, joined as "
         f"the geometric mean. Held out: {content['data']['held_out']}."
     )
-    return Section("The gap", text, [whole, by, *_tolerated(content)])
+    return Section("The gap", text, [whole, by, *_small(content), *_tolerated(content)])
 
 
 def _levels(gap: dict[str, Any]) -> list[tuple[float, str]]:
     """What bounds a gap: noise, and the least that anything fitted leaves."""
     return [(gap["floor"], "noise alone"), (gap["achievable"], "best of all that was fitted")]
+
+
+def _small(content: dict[str, Any]) -> list[str]:
+    """Effects that are there and close next to nothing; nothing where there are none."""
+    rows: list[list[str | float | None]] = [
+        [words(f"{one['effect']}@{one['joint']}"), one["without"], one["with"]] for one in content["small"]
+    ]
+    if not rows:
+        return []
+    return [
+        table(
+            "There, and small",
+            ["effect", "gap without it", "gap with it"],
+            rows,
+            caption="The log tells these effects, but held-out motion is told about as well without them: the verdict "
+            "leaves them out. In multiples of the noise.",
+        )
+    ]
 
 
 def _tolerated(content: dict[str, Any]) -> list[str]:

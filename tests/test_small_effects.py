@@ -1,0 +1,87 @@
+"""Effects of a verdict without which held-out motion is told about as well are listed as small, and not named."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from hdagen.diagnosis.decide import Decision, Hypothesis
+from hdagen.diagnosis.small_effects import drop_small_effects
+
+FRICTION, TILT, DELAY = "coulomb_friction@1", "gravity_tilt@0", "sensor_delay@2"
+
+
+def decided(*named: str, fitted: tuple[tuple[str, ...], ...] = (), **changes: Any) -> Decision:
+    """A decision for ``named``, and the sets that were ``fitted`` beside it."""
+    fits: dict[tuple[str, ...], Any] = {names: SimpleNamespace(names=names) for names in (named, *fitted, ())}
+    others = [Hypothesis(names, 0.04 / len(fitted), fits[names]) for names in fitted]
+    sets = (Hypothesis(named, 0.95, fits[named]), *others, Hypothesis((), 0.01, fits[()]))
+    return Decision(sets, named, 0.95, 0.99, fits[named], **changes)
+
+
+def measured(gaps: dict[tuple[str, ...], tuple[float, float]]) -> Any:
+    """What `gap` of diagnosis.json holds of a decision: of each verdict what two channels err by."""
+
+    def measure(decision: Decision) -> dict[str, Any]:
+        each = gaps[decision.verdict]
+        channels = {f"joint_position_{j}": {"before": 200.0, "after": one} for j, one in enumerate(each, 1)}
+        return {"before": 200.0, "after": float((each[0] * each[1]) ** 0.5), "by_channel": channels}
+
+    return measure
+
+
+def test_what_closes_next_to_nothing_is_listed_as_small() -> None:
+    before = decided(FRICTION, TILT, fitted=((FRICTION,), (TILT,)))
+    gaps = {(FRICTION, TILT): (38.5, 38.5), (FRICTION,): (39.0, 39.2), (TILT,): (190.0, 180.0)}
+    after, small = drop_small_effects(before, measured(gaps))
+    assert after.verdict == (FRICTION,) and after.best.names == (FRICTION,)
+    assert after.probability == pytest.approx(0.97)
+    assert sum(h.probability for h in after.hypotheses) == pytest.approx(1.0)
+    assert after.marginal(TILT) == pytest.approx(0.02)
+    (one,) = small
+    assert (one["effect"], one["joint"], one["with"]) == ("gravity_tilt", 0, 38.5)
+    assert one["without"] == pytest.approx(39.1, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("alone", "why"),
+    [
+        ((42.0, 41.0), "a tenth of all is left"),
+        ((38.5, 44.0), "one channel tells it"),
+    ],
+)
+def test_what_closes_something_stays(alone: tuple[float, float], why: str) -> None:
+    before = decided(FRICTION, TILT, fitted=((FRICTION,),))
+    after, small = drop_small_effects(before, measured({(FRICTION, TILT): (38.5, 38.5), (FRICTION,): alone}))
+    assert after is before and small == [], why
+
+
+def test_below_the_noise_nothing_is_left_to_tell() -> None:
+    before = decided(FRICTION, TILT, fitted=((FRICTION,),))
+    after, small = drop_small_effects(before, measured({(FRICTION, TILT): (0.5, 0.5), (FRICTION,): (0.9, 0.9)}))
+    assert after.verdict == (FRICTION,) and len(small) == 1
+
+
+def test_what_was_not_fitted_without_it_stays() -> None:
+    before = decided(FRICTION, TILT, fitted=((DELAY,),))
+    after, small = drop_small_effects(before, measured({(FRICTION, TILT): (38.5, 38.5)}))
+    assert after is before and small == []
+
+
+def test_one_after_another_and_the_least_first() -> None:
+    whole = (FRICTION, TILT, DELAY)
+    fitted = ((FRICTION, TILT), (FRICTION, DELAY), (FRICTION,))
+    gaps = {whole: (10.0, 10.0), fitted[0]: (10.4, 10.0), fitted[1]: (10.1, 10.0), (FRICTION,): (10.3, 10.2)}
+    after, small = drop_small_effects(decided(*whole, fitted=fitted), measured(gaps | {(TILT, DELAY): (200.0, 200.0)}))
+    assert after.verdict == (FRICTION,)
+    assert [one["effect"] for one in small] == ["gravity_tilt", "sensor_delay"]
+    assert sum(h.probability for h in after.hypotheses) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("named", [(FRICTION,), (FRICTION, "unknown@1"), ()])
+def test_one_effect_alone_and_what_is_unknown_are_left(named: tuple[str, ...]) -> None:
+    before = decided(*named, fitted=((DELAY,),))
+    after, small = drop_small_effects(before, lambda one: pytest.fail("nothing is to be measured"))
+    assert after is before and small == []
