@@ -34,6 +34,8 @@ __all__ = [
     "load",
 ]
 
+DECAYS = 2.0  # of a slowed memory, that a step may span: RK4 carries 2.78
+
 
 @dataclass(frozen=True)
 class StepJacobians:
@@ -284,8 +286,9 @@ class Arm:
 
     @property
     def _memory_step(self) -> float:
-        """The step that the memories of effects are prepared for, s; inf where none is slowed to one."""
-        return self.parameters["memory_step"] if "memory_step" in self.parameters.described else math.inf
+        """The longest step that the memories of effects, as they are slowed, bear, s; inf where none is slowed."""
+        slowed = "memory_step" in self.parameters.described
+        return DECAYS * self.parameters["memory_step"] if slowed else math.inf
 
     @property
     def stable_step(self) -> float:

@@ -23,7 +23,7 @@ from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.log import Log
-from hdagen.plant import Arm
+from hdagen.plant import DECAYS, Arm
 from hdagen.together import together
 
 Builder = Callable[..., Compiled]
@@ -299,10 +299,10 @@ def test_a_rollout_takes_no_longer_steps_than_its_memories_are_prepared_for(quic
     u = np.zeros((T, arm.nu))
     u[:, 0] = 5.0
     x = arm.rollout(arm.rest(np.zeros(1)), u, dt=1e-3, exact=True, most=1e-3)
-    finer = arm.rollout(arm.rest(np.zeros(1)), u, dt=1e-3, exact=True, most=1e-4)
+    finer = arm.rollout(arm.rest(np.zeros(1)), u, dt=1e-3, exact=True, most=DECAYS * arm.step_size)
     assert np.array_equal(x, finer)
     arm = arm.at(arm.p)
-    arm.parameters["memory_step"] = 1e-3
+    arm.parameters["memory_step"] = 1e-3 / DECAYS
     assert arm.stable_step == arm.step_size
     assert not np.array_equal(arm.rollout(arm.rest(np.zeros(1)), u, dt=1e-3, exact=True, most=1e-3), finer)
 

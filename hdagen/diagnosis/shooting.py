@@ -7,8 +7,9 @@ such groups in threads; the compiled rollout lets go of the interpreter.
 A lane in which an effect is there that remembers goes through all windows, others through those alone that are looked
 at; so do lanes near one of which the memory is known, as far as they change nothing that remembers.
 
-Memories that the build slows to the robot file's step are slowed to the one that is integrated with. A lane that reads
-what is no number, or has a window that flies apart and stays where it was last within its limits, is counted as failed.
+Memories that the build slows to the robot file's step are slowed as far as the step of the lanes asks for. A lane that
+reads what is no number, or has a window that flies apart and stays where it was last within its limits, is counted as
+failed.
 
 Legend: T rows, W windows, K windows that are looked at, of R rows, S of them looked at, M channels, L lanes that run at
 once, m positions and velocities of the state.
@@ -30,7 +31,7 @@ from hdagen import late
 from hdagen.diagnosis.asked import asked
 from hdagen.diagnosis.portion import Mask
 from hdagen.diagnosis.record import Record
-from hdagen.plant import Arm, Array
+from hdagen.plant import DECAYS, Arm, Array
 from hdagen.readings import Rows, joint_angles, limits, mechanical, memories, places, unread
 from hdagen.together import THREADS, together
 from hdagen.torques import full_torsion, torque_per_input
@@ -159,11 +160,11 @@ class Shooting:
         return self.arm.carried.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
 
     def _at(self, p: Array) -> Arm:
-        """The arm with parameters ``p``, its memories slowed to the longest step of any lane: lanes of other steps
-        would differ by that, too."""
+        """The arm with parameters ``p``, its memories slowed as far as the longest step of any lane asks for: lanes of
+        other steps would differ by that, too."""
         if "memory_step" in self.arm.parameters.described:
             p = p.copy()
-            p[self.arm.parameters.place("memory_step")] = self.most
+            p[self.arm.parameters.place("memory_step")] = self.most / DECAYS
         return self.arm.at(p)
 
     def predict(self, lane: Lane) -> Array:
