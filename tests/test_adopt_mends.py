@@ -16,7 +16,7 @@ from hdagen.__main__ import main
 from hdagen.adopt import Adopted, adopt
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.held_out import name_rows
-from hdagen.diagnosis.portion import parted
+from hdagen.diagnosis.portion import part
 from hdagen.identity import identity
 from hdagen.log import write
 from hdagen.plant import Arm, PlantError, load
@@ -154,7 +154,7 @@ def test_the_adopted_file_leaves_the_gap_that_the_diagnosis_said(
     stated = diagnosis(verdict=[], parameters=base) if entry is None else named(entry, None, **values)
     stated |= {"robot": {"name": arm.robot["name"], "identity": identity(arm.robot), "sha256": None}}
     arm.parameters.reset()
-    held = parted([log], [])[1]
+    held = part([log], [])[1]
     told = gap(replay(arm, log), replay(arm, log, with_=stated), held)
     stated |= {"gap": told, "data": {"hold_out": name_rows(held, [log])}}
     (tmp_path / "diagnosis.json").write_text(json.dumps(stated))

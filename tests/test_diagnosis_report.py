@@ -95,6 +95,8 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "alone": [],
         "tolerated": [],
         "small": [],
+        "remains": [],
+        "as_good_as_it_gets": False,
         "ladder": [
             {"model": "robot file", "effects": [], "probability": None, "gap": 20.0, "interval": [18.0, 22.0]},
             {"model": "hypothesis", "effects": [], "probability": 0.1, "gap": 12.0, "interval": [11.0, 13.0]},

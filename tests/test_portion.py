@@ -6,7 +6,7 @@ from replayed import simulated
 
 from hdagen.diagnosis.candidates import dictionary
 from hdagen.diagnosis.design import Point, design
-from hdagen.diagnosis.portion import SHARE, SPAN, SPANS, Portion, blocks, parted
+from hdagen.diagnosis.portion import SHARE, SPAN, SPANS, Portion, blocks, halve, part
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
@@ -39,17 +39,29 @@ def test_a_motion_that_repeats_is_seen_in_every_phase() -> None:
 
 def test_logs_are_parted_each_by_itself_and_a_hold_out_is_held_out_whole() -> None:
     logs = [simulated(load("paper"), length, seed=k) for k, length in enumerate((3.0, 1.5))]
-    shown, held = parted(logs, [])
+    shown, held = part(logs, [])
     assert (shown.rows ^ held.rows).all() and shown.log is held.log
     assert held.rows[: len(logs[0])].tolist() == blocks(logs[0].time).tolist()
-    shown, held = parted(logs[:1], logs[1:])
+    shown, held = part(logs[:1], logs[1:])
     assert shown.rows.all() and held.rows.all() and held.log is logs[1]
+
+
+@pytest.mark.parametrize("seconds", [0.9, 2.0, 7.5])
+def test_what_decides_is_not_what_is_reported(seconds: float) -> None:
+    log = Log(np.arange(0.0, seconds, 1e-3) + 3.0, {}, 1, "test")
+    fresh = log.time > 3.1
+    judged, reported = halve(Portion(log, fresh))
+    if seconds < 1.0:
+        assert (judged.rows == fresh).all() and (reported.rows == fresh).all()
+        return
+    assert not (judged.rows & reported.rows).any() and ((judged.rows | reported.rows) == fresh).all()
+    assert all(end - begin < 1.0 for one in (judged, reported) for begin, end in one.spans)
 
 
 def test_what_is_held_out_is_unknown_to_the_fit() -> None:
     plain, arm = load("paper"), load("paper", "native", ("all",))
     log = simulated(plain, 4.0, seed=3)
-    shown, held = parted([log], [])
+    shown, held = part([log], [])
     deep = held.rows.copy()  # hidden, and further from what is shown than a smoothing reaches
     for begin, end in held.spans:
         deep &= ~((log.time >= begin) & (log.time < begin + REACH)) & ~((log.time > end - REACH) & (log.time <= end))

@@ -14,7 +14,7 @@ from damage import changed, dropped, kept, times, without, wrapped
 from replayed import JOINT, MOTOR, NOISE, simulated
 
 from hdagen.channels import describe
-from hdagen.diagnosis.portion import parted
+from hdagen.diagnosis.portion import part
 from hdagen.log import Log, LogError, read
 from hdagen.plant import Arm
 from hdagen.repair import prepared
@@ -61,16 +61,16 @@ def test_of_a_hold_out_that_holds_the_log_what_is_more_is_left(what: str, good: 
     end = 1200 if "third" in what else 1800
     assert all_.all() and fresh[: end - 20].all() and not fresh[end + 4 : -4].any()
     assert "are the same motion, from 1." in said["what"] and len(held) == len(good)
-    shown, counted = parted([log], [held], [all_, fresh])
+    shown, counted = part([log], [held], [all_, fresh])
     assert shown.rows.all() and (counted.rows == fresh).all()
 
 
 def test_rows_that_two_logs_share_are_left_out_and_the_rest_is_the_hold_out(arm: Arm) -> None:
     """Two recordings of a simulated machine that rests and starts from one posture alike: their beginning is one."""
     log, other = simulated(arm, 3.0, seed=1), simulated(arm, 3.0, seed=2)
-    part = np.clip((log.time - 0.18) / 0.5, 0.0, 1.0) ** 3
+    apart = np.clip((log.time - 0.18) / 0.5, 0.0, 1.0) ** 3
     steps = {"motor_position": MOTOR, "joint_position": JOINT}
-    alike = {name: values + part * (other[name] - values) for name, values in log.columns.items()}
+    alike = {name: values + apart * (other[name] - values) for name, values in log.columns.items()}
     for name in (name for name in alike if "position" in name):
         step = steps[name[:-2]]
         alike[name] = np.round(alike[name] / step) * step
@@ -80,7 +80,7 @@ def test_rows_that_two_logs_share_are_left_out_and_the_rest_is_the_hold_out(arm:
         assert not fresh[2:170].any() and fresh[350:].all()
         assert [each["name"] for each in data["repaired"]] == ["shared"]
     _, _, (first, second), _ = prepared(arm, [log, both], [])
-    shown, counted = parted([log, both], [], [first, second])
+    shown, counted = part([log, both], [], [first, second])
     assert first.all() and not (shown.rows | counted.rows)[len(log) + 2 : len(log) + 170].any()  # they count once
     assert not (shown.rows & counted.rows).any()
 

@@ -24,8 +24,8 @@ from hdagen import fleet_page, verdict
 from hdagen.diagnosis import report
 from hdagen.diagnosis.beside import Sure, beside
 from hdagen.diagnosis.decide import Decision, Hypothesis, decided
-from hdagen.diagnosis.diagnose import _model
 from hdagen.diagnosis.gap import gap
+from hdagen.diagnosis.judge import choose_model
 from hdagen.diagnosis.missing import look
 from hdagen.diagnosis.portion import Portion, blocks
 from hdagen.diagnosis.sentences import confounded, sentence
@@ -81,6 +81,8 @@ def content(said: list[str], sets: list[list[str]], **changes: Any) -> dict[str,
         "alone": [],
         "tolerated": [],
         "small": [],
+        "remains": [],
+        "as_good_as_it_gets": False,
         "method": {"calibrated": True},
         "gap": GAPS[0] | {"floor": 1.0, "by_channel": CHANNEL},
     } | changes
@@ -92,6 +94,8 @@ MORE: dict[str, list[Any]] = {
     "causes": [CAUSES, []],
     "unseen": [[], [FRICTION, BIAS]],
     "parameters": [{}, {"mass_1": estimate(2.0)}],
+    "remains": [[], [{"joint": 1, "share": 0.5, "noise": 20.0}]],
+    "as_good_as_it_gets": [False, True],
     "small": [[], [{"effect": "gravity_tilt", "joint": 0, "with": 2.0, "without": 2.1}]],
     "tolerated": [[], [{"effect": "gravity_tilt", "joint": 0, "parameters": {}, "size": 0.1, "gap": 0.2}]],
 }
@@ -164,9 +168,9 @@ def test_a_verdict_without_a_spring_is_replayed_with_rigid_drives() -> None:
     springs: Any = SimpleNamespace()
     one: Any = SimpleNamespace(best=SimpleNamespace(design=SimpleNamespace(shooting=SimpleNamespace(arm=springs))))
     said = content([FRICTION], [[FRICTION]], parameters={"mass_1": estimate(2.0)})
-    assert _model(rigid, one, said) is rigid
+    assert choose_model(rigid, one, said) is rigid
     spring = cause("missing_compliance@1", 0.9, {"missing_compliance": estimate(1e-4)})
-    assert _model(rigid, one, content(["missing_compliance@1"], [[FRICTION]], causes=[spring])) is springs
+    assert choose_model(rigid, one, content(["missing_compliance@1"], [[FRICTION]], causes=[spring])) is springs
 
 
 # -- pages ------------------------------------------------------------------------------------------------------------

@@ -64,7 +64,7 @@ def test_below_the_noise_nothing_is_left_to_tell() -> None:
     assert after.verdict == (FRICTION,) and len(small) == 1
 
 
-def test_what_was_not_fitted_without_it_stays() -> None:
+def test_what_was_not_fittedwithout_it_stays() -> None:
     before = decided(FRICTION, TILT, fitted=((DELAY,),))
     after, small = drop_small_effects(before, measured({(FRICTION, TILT): (38.5, 38.5)}))
     assert after is before and small == []

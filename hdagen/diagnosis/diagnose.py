@@ -11,28 +11,29 @@ from pathlib import Path
 from typing import Any
 
 from hdagen import verdict
-from hdagen.diagnosis.achievable import corrected
 from hdagen.diagnosis.attempts import Attempts
-from hdagen.diagnosis.beside import beside, sure
+from hdagen.diagnosis.beside import sure
 from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
-from hdagen.diagnosis.findings import findings, hypothetical
+from hdagen.diagnosis.findings import hypothetical
 from hdagen.diagnosis.first_look import first_look
 from hdagen.diagnosis.foreign import foreign
-from hdagen.diagnosis.gap import bounds, least
+from hdagen.diagnosis.gap import bounds
 from hdagen.diagnosis.held_out import name_rows
+from hdagen.diagnosis.judge import Judge, Statement, choose
 from hdagen.diagnosis.ladder import ladder, left_by
 from hdagen.diagnosis.lasting import lasting
 from hdagen.diagnosis.missing import Sight, look
-from hdagen.diagnosis.portion import SHARE, Portion, parted
+from hdagen.diagnosis.portion import SHARE, Portion, part
 from hdagen.diagnosis.prediction import weigh_predictions
 from hdagen.diagnosis.record import Record, record
+from hdagen.diagnosis.remainder import is_as_good_as_it_gets, measure_remainders, name_remainders
 from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
-from hdagen.diagnosis.small_effects import drop_small_effects
-from hdagen.diagnosis.standing import borne_out, doubted, known, leaves_little, outsized, stands
+from hdagen.diagnosis.standing import leaves_little
 from hdagen.diagnosis.tolerated import tolerated
+from hdagen.diagnosis.unseen_motion import UnseenMotion, measure_unseen
 from hdagen.diagnosis.whereabouts import where
 from hdagen.identity import identity
 from hdagen.log import Log, LogError
@@ -43,29 +44,40 @@ from hdagen.together import together
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
-Meanwhile = tuple[Replay, Replay, Portion]  # the robot file's replay, the flexible correction's, what is compared
-Told = tuple[Decision, dict[str, Any], Arm, Replay]  # what is said, diagnosis.json of it, the model and its replay
 BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What the search found, and the replays of the held-out data before and after."""
+    """What the search found, the motion that is held out, and its replay ``after``."""
 
     search: Search
     decision: Decision
     content: dict[str, Any]
-    before: Replay
+    held_out: UnseenMotion
     after: Replay
-    held_out: Portion
-    sight: Sight  # ``held_out`` through the models of both replays
+    sight: Sight  # ``held_out`` through the models before and after
     left_out: tuple[str, ...]  # a sentence for every stage and simulation that failed
 
 
 def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], say: Callable[[str], None]) -> Diagnosis:
-    """Diagnose logs of one machine together; the gap is measured on the logs ``hold_out``, else on blocks that the
-    fit does not see, a fifth of each log. Raises LogError where a log cannot carry a diagnosis, PlantError where the
-    model cannot be had."""
+    """Diagnose logs of one machine together.
+
+    Args:
+        robot: a preset or a robot.toml.
+        logs: of the machine.
+        hold_out: other motions of it. Every other second of them decides whether what the fit says stands, the gap is
+            measured on the rest. Without them both is done on blocks that the fit does not see, a fifth of each log.
+        say: is told each stage as it begins.
+
+    Returns:
+        What was found, and what diagnosis.json holds.
+
+    Raises:
+        LogError: a log cannot carry a diagnosis.
+        PlantError: the model cannot be had.
+
+    """
     from threadpoolctl import threadpool_limits  # changes the environment when it is imported
 
     with threadpool_limits(1):  # small matrices by the hundred, beside threads of our own; and the same bits everywhere
@@ -78,80 +90,50 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     for log in (*logs, *hold_out):
         check(plain, log)
     logs, hold_out, fresh, of_data = prepared(plain, logs, hold_out)
-    shown, held_out = parted(logs, hold_out, fresh)
+    shown, held_out = part(logs, hold_out, fresh)
     window = max(WINDOW, FEWEST * shown.log.period)
     seen = record(arm, shown, window)
 
-    def counted(arm: Arm, said: verdict.Verdict | None = None) -> Replay:
-        return _counted(replay(arm, held_out.log, with_=said), seen)
-
-    without = partial(_without_effects, plain, shown, held_out, counted)
     attempts = Attempts()
-    found, (before, flexible, held_out) = _searched(robot, arm, seen, window, without, say, attempts)
+    measure = partial(measure_unseen, plain, shown=shown, portion=held_out, simulate=_simulate(held_out, seen))
+    found, unseen = _searched(robot, arm, seen, window, measure, say, attempts)
+    judged, motion = unseen.halve() if hold_out else (unseen, unseen)
+    judge = Judge(plain, arm, found, sure(arm, seen), judged)
     say("prediction over long windows")
     decision = _own(_decided(found, shown, seen, attempts), logs)
+
+    def search_long_windows(strange: Decision) -> Decision | None:
+        say("what works all the time")
+        work = partial(lasting, strange, found, arm, shown, window, judge.direct)
+        return attempts.attempt("what works all the time", work, None)
+
     say("replay of held-out motion")
-    alone = sure(arm, seen)
-
-    def told(decided: Decision) -> Told:
-        for one in dict.fromkeys((beside(decided, alone), decided)):  # what was read off is withdrawn first
-            content = findings(found, one)
-            changed, after = stands(plain, _model(arm, one, content), content, before, held_out, flexible, counted)
-            if content["verdict"] == list(one.verdict):
-                break
-        return one, content, changed, after
-
-    def instead(strange: Decision) -> Decision | None:  # known effects alone, where the held-out motion bears that out
-        if not (without_it := known(strange)).verdict:
-            return None
-        _, content, _, alone_left = told(without_it)
-        tried = borne_out(strange, before, alone_left, flexible, held_out)
-        return None if tried.unknown or outsized(content) else tried
-
-    if decision.unknown:
-        if not (better := instead(decision)):
-            say("what works all the time")
-            work = partial(lasting, decision, found, arm, shown, window, alone)
-            lasts = attempts.attempt("what works all the time", work, None)
-            better = instead(lasts) if lasts else None
-        decision = _own(better or decision, logs)
-    decision, content, changed, after = told(decision)
-    decision, doubt = doubted(decision, content["verdict"], before, after, held_out, counted)
-    decision, small = drop_small_effects(decision, lambda one: told(one)[1]["gap"])
-    if doubt or small:
-        decision, content, changed, after = told(decision)
-    content |= {"doubted": doubt, "alone": [one.content for one in alone], "small": small}
+    decision = _own(choose(decision, judge, search_long_windows), logs)
+    decision, judged_so = judge.check(decision)
+    told = judge.state(decision, motion)
+    content = told.content | judged_so
     say("what is tolerated, and what else it may be")
-    content |= _rivals(decision, content, (before, after, held_out, counted), attempts)
+    content |= _rivals(told, motion, attempts)
+    content |= _remainder(content)
     say("where and when")
-    sight = look(changed, content, held_out.log, before, after)
-    places = partial(where, sight, content, held_out.rows)
+    sight = look(told.arm, content, motion.portion.log, motion.before, told.after)
+    places = partial(where, sight, content, motion.portion.rows)
     content["where"] = attempts.attempt("where and when", places, content["where"])
-    content["control"] = _control(plain, changed, verdict.read(content), held_out.log)
+    content["control"] = _control(plain, told.arm, verdict.read(content), motion.portion.log)
     content["robot"] = {"name": plain.robot["name"], "identity": identity(plain.robot), "sha256": _digest(robot)}
-    content["data"] = _data(logs, hold_out, before, held_out, attempts.failures) | of_data
-    return Diagnosis(found, decision, content, before, after, held_out, sight, tuple(attempts.failures))
+    content["data"] = _data(logs, hold_out, motion, attempts.failures) | of_data
+    return Diagnosis(found, decision, content, motion, told.after, sight, tuple(attempts.failures))
 
 
-def _without_effects(
-    plain: Arm, shown: Portion, held_out: Portion, counted: Callable[[Arm], Replay], base: verdict.Verdict
-) -> Meanwhile:
-    """The robot file's replay, the best that base parameters and a flexible correction leave, and what is compared."""
-    refitted = verdict.applied(plain, base)[0]
-    before, alone = counted(plain), counted(refitted)
-    held = held_out.without(before.guessed, before.starts)  # a guess would tell of itself
-    return before, least([before, alone, corrected(refitted, shown, held_out, alone)], held), held
+def _simulate(portion: Portion, seen: Record) -> Callable[[Arm], Replay]:
+    """Replays the logs of a portion on an arm."""
+    return lambda arm: _counted(replay(arm, portion.log), seen)
 
 
-def _rivals(
-    decision: Decision,
-    content: dict[str, Any],
-    rest: tuple[Replay, Replay, Portion, Callable[[Arm], Replay]],
-    attempts: Attempts,
-) -> dict[str, Any]:
-    """`tolerated`, `ladder`, `causes`, `gap` and `sure` of diagnosis.json; ``rest``: what the first two take beside the
-    decision."""
+def _rivals(told: Statement, motion: UnseenMotion, attempts: Attempts) -> dict[str, Any]:
+    """`tolerated`, `ladder`, `causes`, `gap` and `sure` of diagnosis.json."""
     nothing: list[dict[str, Any]] = []
+    decision, content, rest = told.decision, told.content, (motion.before, told.after, motion.portion, motion.simulate)
     said = verdict.read(content)
     little = attempts.attempt("what is tolerated", lambda: tolerated(decision.best, said, *rest), nothing)
     rungs = attempts.attempt("the ladder", lambda: ladder(decision, content["verdict"], *rest), nothing)
@@ -161,15 +143,23 @@ def _rivals(
     return {"tolerated": little, "ladder": rungs, "causes": causes, "gap": left, "sure": certain}
 
 
+def _remainder(content: dict[str, Any]) -> dict[str, Any]:
+    """`remains`, `as_good_as_it_gets` and `verdict` of diagnosis.json, with what remains."""
+    remains, named = measure_remainders(content["gap"]["by_channel"]), verdict.read(content).effects
+    good = not named and is_as_good_as_it_gets(content["gap"])
+    said = [] if good else name_remainders(content["verdict"], remains)
+    return {"remains": remains, "as_good_as_it_gets": good, "verdict": said}
+
+
 def _searched(
     robot: str | Path,
     arm: Arm,
     seen: Record,
     window: float,
-    work: Callable[[verdict.Verdict], Meanwhile],
+    work: Callable[[verdict.Verdict], UnseenMotion],
     say: Callable[[str], None],
     attempts: Attempts,
-) -> tuple[Search, Meanwhile]:
+) -> tuple[Search, UnseenMotion]:
     """What is found in ``seen``, and what ``work`` makes meanwhile, as a search leaves half a core idle: it needs the
     base parameters of a model without effects alone. That there are springs is one of the ``attempts``."""
     say("what the log suggests")
@@ -185,18 +175,9 @@ def _searched(
         return found, meanwhile.result()
 
 
-def _model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
-    """The model that a verdict is replayed on, which has every effect, as one with the verdict's alone is to be
-    compiled: ``arm``, whose rigid drives are rigid, or where that lacks what is said, the one with springs."""
-    said = verdict.read(content)
-    known = arm.parameters.described
-    lacks = any(name not in known for name in (*said.parameters, *said.base))
-    return decision.best.design.shooting.arm if lacks else arm
-
-
 def _decided(found: Search, shown: Portion, seen: Record, attempts: Attempts) -> Decision:
     """What a search says, its sets weighed by how they predict what is ``shown``, where that can be had."""
-    weigh = partial(weigh_predictions, found, shown, lambda arm: _counted(replay(arm, shown.log), seen))
+    weigh = partial(weigh_predictions, found, shown, _simulate(shown, seen))
     return decide(found, attempts.attempt("prediction over long windows", weigh, {}))
 
 
@@ -224,18 +205,17 @@ def _counted(found: Replay, seen: Record) -> Replay:
 
 
 def _data(
-    logs: Sequence[Log], hold_out: Sequence[Log], before: Replay, held: Portion, failures: Sequence[str]
+    logs: Sequence[Log], hold_out: Sequence[Log], motion: UnseenMotion, failures: Sequence[str]
 ) -> dict[str, Any]:
     notes = [note for log in logs for note in log.notes]
-    if before.guessed:
-        count = len(before.guessed)
+    if count := len(motion.before.guessed):
         notes.append(f"{count} window(s) of a replay begin in motion, without a velocity: the gap leaves them out.")
     return {
         "log": ", ".join(log.source for log in logs),
         "rate": 1 / logs[0].period,
         "duration": sum(float(log.time[-1] - log.time[0]) for log in logs),
         "held_out": ", ".join(log.source for log in hold_out) or BLOCKS,
-        "hold_out": name_rows(held, hold_out or logs),
+        "hold_out": name_rows(motion.portion, hold_out or logs),
         "notes": list(dict.fromkeys([*notes, *failures])),
     }
 

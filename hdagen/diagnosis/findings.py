@@ -73,7 +73,7 @@ def _instead(decision: Decision, name: str, other: str) -> float:
 
 def _where(entry: str, place: str) -> dict[str, Any]:
     """Joint and place of an effect; its share and when it acts are not computed and stay empty."""
-    return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "when": ""}
+    return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "interval": None, "when": ""}
 
 
 def _parameters(name: str, fit: Fitted | None, decision: Decision) -> dict[str, Any]:

@@ -57,15 +57,41 @@ class Portion:
         return self.rows[np.clip(np.searchsorted(self.log.time, time), 0, len(self.rows) - 1)]
 
 
-def parted(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = ()) -> tuple[Portion, Portion]:
-    """What the fit sees, and what is held out: the logs ``hold_out``, else blocks of each of ``logs``; of all of them,
-    one after another, the ``fresh`` rows (T) alone, where they are told."""
+def part(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = ()) -> tuple[Portion, Portion]:
+    """Part logs into what is fitted and what no fit sees.
+
+    Args:
+        logs: of one machine.
+        hold_out: other motions of it; else blocks of each log are kept from the fit.
+        fresh: the rows (T) of each log, those that are held out after the others, that are counted; all if none is
+            given.
+
+    Returns:
+        Both portions.
+
+    """
     counted = list(fresh) or [np.ones(len(log), bool) for log in (*logs, *hold_out)]
     own, other = np.concatenate(counted[: len(logs)]), counted[len(logs) :]
     if hold_out:
         return Portion(joined(logs), own), Portion(joined(hold_out), np.concatenate(other))
     whole, held = joined(logs), np.concatenate([blocks(log.time) for log in logs])
     return Portion(whole, own & ~held), Portion(whole, own & held)
+
+
+def halve(portion: Portion) -> tuple[Portion, Portion]:
+    """Part motion that no fit saw into what decides and what is reported, so that no figure is chosen by itself.
+
+    Args:
+        portion: of logs that are held out.
+
+    Returns:
+        Every other second of it, and the rest; twice the whole where there are no two seconds.
+
+    """
+    seconds = np.floor(portion.log.time - portion.log.time[0]).astype(int)
+    even = seconds % 2 == 0
+    halves = Portion(portion.log, portion.rows & even), Portion(portion.log, portion.rows & ~even)
+    return halves if all(half.rows.any() for half in halves) else (portion, portion)
 
 
 def blocks(time: Array) -> Mask:

@@ -3,12 +3,15 @@ parameters, what is left, the data, and how to reproduce."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from hdagen.diagnosis.candidates import PRESENT
 from hdagen.diagnosis.diagnose import Diagnosis
-from hdagen.diagnosis.maps import COLORS, maps
+from hdagen.diagnosis.gap_section import bound_gap, show_gap
+from hdagen.diagnosis.maps import maps
 from hdagen.diagnosis.measured import motion
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.pictures import pictures
@@ -39,94 +42,17 @@ def write(diagnosis: Diagnosis, path: Path, again: str) -> None:
         f"Diagnosis of {content['robot']['name']}",
         sentence(content),
         [
-            _gap(content),
+            show_gap(content),
             _candidates(content),
             *_where(sight, content),
-            motion(held, diagnosis.before, diagnosis.after),
+            motion(held.portion, held.before, diagnosis.after),
             _parameters(sight, content),
             *_control(content),
-            _left(held, diagnosis.before, diagnosis.after),
+            _left(held.portion, held.before, diagnosis.after),
             _data(content),
         ],
         again,
     )
-
-
-def _gap(content: dict[str, Any]) -> Section:
-    gap = content["gap"]
-    channels = gap["by_channel"]
-    names, values = ["before", "after"], [gap["before"], gap["after"]]
-    if gap["flexible"] is not None:
-        names, values = [*names, "flexible correction"], [*values, gap["flexible"]]
-    whole = bars(
-        "Gap on held-out motion",
-        names,
-        [Bars("", values)],
-        value_label="replay error in multiples of noise",
-        levels=_levels(gap),
-        log=True,
-        caption="Flexible correction: base parameters refitted, then regressions without structure as far as they "
-        "close more, on the same data."
-        if gap["flexible"] is not None
-        else "",
-    )
-    by = bars(
-        "Gap by channel",
-        [name.replace("_", " ") for name in channels],
-        [Bars(when, [c[when] for c in channels.values()], color=COLORS[when]) for when in ("before", "after")],
-        value_label="replay error in multiples of noise",
-        levels=[(gap["floor"], "noise alone")],
-        log=True,
-    )
-    text = (
-        "Root mean square of the replay error in windows of 0.25 s, in multiples of each channel's noise, joined as "
-        f"the geometric mean. Held out: {content['data']['held_out']}."
-    )
-    return Section("The gap", text, [whole, by, *_small(content), *_tolerated(content)])
-
-
-def _levels(gap: dict[str, Any]) -> list[tuple[float, str]]:
-    """What bounds a gap: noise, and the least that anything fitted leaves."""
-    return [(gap["floor"], "noise alone"), (gap["achievable"], "best of all that was fitted")]
-
-
-def _small(content: dict[str, Any]) -> list[str]:
-    """Effects that are there and close next to nothing; nothing where there are none."""
-    rows: list[list[str | float | None]] = [
-        [words(f"{one['effect']}@{one['joint']}"), one["without"], one["with"]] for one in content["small"]
-    ]
-    if not rows:
-        return []
-    return [
-        table(
-            "There, and small",
-            ["effect", "gap without it", "gap with it"],
-            rows,
-            caption="The log tells these effects, but held-out motion is told about as well without them: the verdict "
-            "leaves them out. In multiples of the noise.",
-        )
-    ]
-
-
-def _tolerated(content: dict[str, Any]) -> list[str]:
-    """What else would close of the gap though it is within tolerance; nothing where nothing would."""
-    rows: list[list[str | float | None]] = []
-    for one in content["tolerated"]:
-        values = ", ".join(
-            f"{name} {v['value']:.3g} {v['unit']}" for name, v in one["parameters"].items() if v["value"]
-        )
-        rows.append([words(f"{one['effect']}@{one['joint']}"), values, 100 * one["size"], one["gap"]])
-    if not rows:
-        return []
-    return [
-        table(
-            "Within tolerance, and not named",
-            ["effect", "as large as", "of its usual size (%)", "gap, were it in the model, too"],
-            rows,
-            caption="No effect is ever exactly absent. These are too small to count as missing, and the verdict leaves "
-            "them out; each of them, beside the verdict, would close this much more. The robot file may have them.",
-        )
-    ]
 
 
 def _candidates(content: dict[str, Any]) -> Section:
@@ -197,17 +123,22 @@ def _alone(content: dict[str, Any]) -> list[str]:
 def _ladder(content: dict[str, Any]) -> str:
     """What the leading hypotheses leave on held-out motion."""
     gap, rungs = content["gap"], content["ladder"]
-    low, high = zip(*(one["interval"] or (float("nan"), float("nan")) for one in rungs), strict=True)
     return bars(
         "Candidates on held-out motion",
         [_rung(one) for one in rungs],
-        [Bars("", [one["gap"] for one in rungs], (low, high))],
+        [Bars("", [one["gap"] for one in rungs], _interval(rungs))],
         value_label="replay error in multiples of noise",
-        levels=_levels(gap),
+        levels=bound_gap(gap),
         log=True,
         caption="What each leaves where no fit saw the motion, with base parameters of its own within their "
         "tolerance; 95 % by drawing blocks of windows anew.",
     )
+
+
+def _interval(entries: Iterable[dict[str, Any]]) -> tuple[list[float], list[float]]:
+    """Low and high ends of the intervals of some entries, NaN where one has none."""
+    low, high = zip(*(one["interval"] or (math.nan, math.nan) for one in entries), strict=True)
+    return list(low), list(high)
 
 
 def _rung(one: dict[str, Any]) -> str:
@@ -234,9 +165,10 @@ def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
             bars(
                 "Share of the closed gap by joint and place",
                 [n if "@" not in n else f"{words(n)} ({e['place']})" for n, e in known],
-                [Bars("", [e["share"] for _, e in known])],
+                [Bars("", [e["share"] for _, e in known], _interval(e for _, e in known))],
                 value_label="share (1)",
-                caption="What comes back when it is taken out of the model after the verdict, of all that comes back.",
+                caption="What comes back when it is taken out of the model after the verdict, of all that comes back; "
+                "95 % by drawing seconds of held-out motion anew.",
             )
         )
     figures += maps(sight, joint, main["place"], verdict[0] if verdict else "")

@@ -18,14 +18,12 @@ FINE = 1000.0  # multiples of the noise, from which the error is said in its uni
 
 def sentence(content: dict[str, Any]) -> str:
     """The verdict in one sentence, how sure it is, and the gap in another."""
-    gap, named = content["gap"], content["verdict"]
-    if not named:
+    gap, verdict = content["gap"], content["verdict"]
+    named = [entry for entry in verdict if not entry.startswith("unknown@")]
+    if not verdict:
         what = _nothing(content)
-    elif named[-1].startswith("unknown"):
-        joint = named[-1].partition("@")[2]
-        what = f"Joint {joint} misses something that no known effect explains{_though(content['doubted'])}"
-        if len(named) > 1:
-            what += f"; {_each(named[:-1])} {'is' if len(named) == 2 else 'are'} missing beside it"
+    elif not named:
+        what = f"{_joints(verdict)} something that no known effect explains{_though(content['doubted'])}"
     else:
         p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) == sorted(named)), None)
         each = _each(named)
@@ -33,14 +31,30 @@ def sentence(content: dict[str, Any]) -> str:
         what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
     sure = "" if content["sure"] else "; this is not sure"
     within = "Base parameters within their tolerance take the gap on held-out motion"
-    how = within if content["parameters"] and not named else "On held-out motion the gap goes"
+    how = within if content["parameters"] and not verdict else "On held-out motion the gap goes"
     line = f"{what}{sure}. {how} from {_times(gap['before'])} "
     line += f"to {_times(gap['after'])} times the noise{_worst(gap) if gap['before'] >= FINE else ''}"
     if gap["shrink"] is not None:
         interval = gap["interval"]
         spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
         line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
-    return f"{line}{_beside(gap)}.{_ends(content)}{_more(content)}{_contradictions(content)}"
+    return f"{line}{_beside(gap)}.{_remains(content)}{_ends(content)}{_more(content)}{_contradictions(content)}"
+
+
+def _joints(entries: Sequence[str]) -> str:
+    """Which joints miss something, of entries name@joint."""
+    numbers = [entry.partition("@")[2] for entry in entries]
+    return f"Joint {numbers[0]} misses" if len(numbers) == 1 else f"Joints {', '.join(numbers)} miss"
+
+
+def _remains(content: dict[str, Any]) -> str:
+    """What no known effect explains beside those that are named."""
+    beside = {int(entry.partition("@")[2]) for entry in content["verdict"] if entry.startswith("unknown@")}
+    if len(beside) == len(content["verdict"]):  # it is all that is said
+        return ""
+    much = [one for one in content["remains"] if one["joint"] in beside]
+    shares = " and ".join(f"{100 * one['share']:.0f} % of the error at joint {one['joint']}" for one in much)
+    return f" What no known effect explains remains beside it: {shares}." if much else ""
 
 
 def _contradictions(content: dict[str, Any]) -> str:
@@ -83,6 +97,8 @@ def _unit(q: dict[str, Any]) -> str:
 def _nothing(content: dict[str, Any]) -> str:
     """Why no effect is named: none is likely, or one is, but not sure enough, or there is nothing to explain."""
     first = content["hypotheses"][0]
+    if content["as_good_as_it_gets"]:
+        return "The model is as good as it gets here: nothing that was fitted closes much of the gap"
     if not first["effects"]:
         p = f"{first['probability']:.2f}{calibrated(content)}"
         return f"No effect above the size that counts was found (probability {p})"

@@ -36,7 +36,7 @@ def drop_small_effects(decision: Decision, measure: Callable[[Decision], Gap]) -
         told = measure(decision)
         if told["after"] >= told["before"]:  # nothing of it stands
             break
-        lesser = {name: one for name in decision.verdict if (one := _without(decision, name))}
+        lesser = {name: one for name in decision.verdict if (one := without(decision, name))}
         left = {name: measure(one) for name, one in lesser.items()}
         little = [name for name, gap in left.items() if _is_little(told, gap)]
         if not little:
@@ -55,15 +55,25 @@ def _is_little(told: Gap, without: Gap) -> bool:
     return bool(alike and without["after"] <= LITTLE * max(told["after"], 1.0))
 
 
-def _without(decision: Decision, name: str) -> Decision | None:
-    """The decision without one of its effects; None where the others were not fitted by themselves."""
-    names = tuple(one for one in decision.verdict if one != name)
-    both = {h.names: h for h in decision.hypotheses if h.names in (names, decision.verdict)}
-    own, whole = both.get(names), both.get(decision.verdict)
+def without(decision: Decision, *names: str) -> Decision | None:
+    """A decision without some of its effects.
+
+    Args:
+        decision: what would be said.
+        names: of effects, name@joint, that are not to be said.
+
+    Returns:
+        The decision with the others alone, in their own fit and with the probability of both sets; None where they were
+        not fitted by themselves.
+
+    """
+    fewer = tuple(one for one in decision.verdict if one not in names)
+    both = {h.names: h for h in decision.hypotheses if h.names in (fewer, decision.verdict)}
+    own, whole = both.get(fewer), both.get(decision.verdict)
     if own is None or own.fit is None or whole is None:
         return None
     probability = own.probability + whole.probability
     rest = [h for h in decision.hypotheses if h not in (own, whole)]
-    found = [Hypothesis(names, probability, own.fit), *rest, Hypothesis(whole.names, 0.0, whole.fit)]
+    found = [Hypothesis(fewer, probability, own.fit), *rest, Hypothesis(whole.names, 0.0, whole.fit)]
     ordered = tuple(sorted(found, key=lambda h: -h.probability))
-    return replace(decision, hypotheses=ordered, verdict=names, probability=probability, best=own.fit)
+    return replace(decision, hypotheses=ordered, verdict=fewer, probability=probability, best=own.fit)

@@ -2,24 +2,29 @@
 
 A fit sees short windows that each begin anew. What acts at few places, or works slowly, hardly shows there, and a
 little of much that is tolerated stands in for it; elsewhere, and over longer windows, it does not. So the verdict is
-looked at on the held-out motion, and the leading model with all that its fit has, what it names and what it tolerates:
-where both leave most of what every encoder of a joint errs by, something is at work that no effect explains. And where
-an effect is named of a joint and the verdict closes next to nothing there: that a little of much else does is not what
-is said. The other way round: where known effects alone close most of it, what short windows leave is little; and where
-no regression closes more, what is left has no structure that could be known. But one that would have to be larger than
-any known effect is none.
+looked at on motion that was kept from the fit, joint by joint.
+
+What is there: a known effect stands where the verdict closes a third of what its joint errs by. Where the short windows
+leave so much torque unexplained that something unknown is more probable than any known effect, it stands there all the
+same, as long as the base parameters alone do not close as much; how probable it is says how much is left. Nothing that
+is known takes the place of something unknown if it would have to be larger than any such effect is. Where no known
+effect stands, something unknown is said alone, at the joint of which most is left.
+
+What remains beside named effects is no rival of theirs: `hdagen.diagnosis.remainder`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from hdagen import verdict
 from hdagen.diagnosis.decide import LEAST, Decision, Hypothesis, decided
-from hdagen.diagnosis.gap import by_channel, gap
+from hdagen.diagnosis.gap import by_channel
 from hdagen.diagnosis.portion import Portion
+from hdagen.diagnosis.small_effects import without
+from hdagen.diagnosis.unseen_motion import UnseenMotion
 from hdagen.plant import Arm
 from hdagen.replay import Replay
 
@@ -31,30 +36,40 @@ FAR = 100.0  # of the same, from which on what is left is no small matter, whate
 STEEPLY = 4.0  # power of what is left in the odds
 
 
-def stands(
-    plain: Arm,
-    named: Arm,
-    content: dict[str, Any],
-    before: Replay,
-    held_out: Portion,
-    flexible: Replay,
-    counted: Callable[[Arm, verdict.Verdict], Replay],
-) -> tuple[Arm, Replay]:
-    """The model with what stands up to other motion, ``named`` with the verdict's effects or ``plain``, and its replay;
-    ``content`` is told. Base parameters that spoil a verdict are withdrawn first, then the verdict; but that something
-    unknown is at work says of no motion."""
+def stands(plain: Arm, named: Arm, content: dict[str, Any], motions: Sequence[UnseenMotion]) -> tuple[Arm, Replay]:
+    """What of a verdict closes the gap on motion that no fit saw.
+
+    Base parameters that spoil a verdict are withdrawn first, then the verdict; but that something unknown is at work
+    says of no motion.
+
+    Args:
+        plain: the robot file's model.
+        named: the model with the verdict's effects.
+        content: of diagnosis.json, which is told what stands, and the gap on the last of the motions.
+        motions: each must be told better with the verdict.
+
+    Returns:
+        The model that stands, and its replay of the last motion.
+
+    Raises:
+        PlantError: a model cannot be simulated.
+
+    """
     fitted: dict[str, Any] = content["parameters"]
+    last = motions[-1]
     for base in (fitted, {}):
         content["parameters"] = base
         said = verdict.read(content)
-        after = counted(named, said)
-        content["gap"] = gap(before, after, held_out, flexible)
-        if content["gap"]["before"] >= NOISE and _closes(content["gap"], bool(said.unknown and base)):
-            return named, after
+        arm = verdict.applied(named, said)[0]
+        replays = [motion.simulate(arm) for motion in motions]
+        gaps = [motion.measure_gap(after) for motion, after in zip(motions, replays, strict=True)]
+        content["gap"] = gaps[-1]
+        if all(gap["before"] >= NOISE and _closes(gap, bool(said.unknown and base)) for gap in gaps):
+            return named, replays[-1]
     kept = [f"unknown@{joint}" for joint in said.unknown] if content["gap"]["before"] >= NOISE else []
     content |= {"verdict": kept, "sure": False, "where": []}
-    content["gap"] = gap(before, before, held_out, flexible)
-    return plain, before
+    content["gap"] = last.measure_gap(last.before)
+    return plain, last.before
 
 
 def _closes(told: dict[str, Any], bent: bool) -> bool:
@@ -79,24 +94,47 @@ def leaves_little(after: float, others: Sequence[float]) -> bool:
 
 
 def doubted(
-    decision: Decision,
-    said: Sequence[str],
-    before: Replay,
-    after: Replay,
-    held: Portion,
-    seen: Callable[[Arm], Replay],
+    decision: Decision, said: Sequence[str], motion: UnseenMotion, after: Replay
 ) -> tuple[Decision, dict[str, Any] | None]:
-    """The decision, with something unknown said instead where what was ``said`` of it, name@joint, whose replay is
-    ``after``, and all that its best fit has leave most of the gap of the replay ``before`` in what is ``held`` out;
-    ``seen``: the replay of that on an arm. And `doubted` of diagnosis.json: what would have been said, and what share
-    of a joint's errors is left. Raises PlantError."""
+    """A decision without what does not stand on motion that the fit did not see.
+
+    Args:
+        decision: what would be said; one that something unknown is at work stays as it is.
+        said: what of it closes the gap, name@joint.
+        motion: that the fit did not see.
+        after: its replay with what is said.
+
+    Returns:
+        The decision, with the effects that stand where these were fitted by themselves, or with something unknown said
+        where none stands; and `doubted` of diagnosis.json: what would have been said, and what share of a joint's
+        errors is left; None if nothing is doubted.
+
+    Raises:
+        PlantError: the model cannot be simulated.
+
+    """
     if decision.unknown:
         return decision, None
-    joint, share = worst(before, after, seen(_whole(decision)), held, {int(name.partition("@")[2]) for name in said})
+    whole = motion.simulate(_whole(decision))
+    named = {int(name.partition("@")[2]) for name in said}
+    left = leave_shares(motion.before, after, whole, motion.portion, named)
+    joint, share = max(left.items(), key=lambda one: one[1], default=(0, 0.0))
     if share <= MOST:
         return decision, None
-    other = _at_odds(decision, (share / MOST) ** STEEPLY, joint)
-    return other, {"verdict": list(decision.verdict), "joint": joint, "left": share}
+    standing = tuple(name for name in said if _least_left(name, left) <= MOST)
+    told = {"verdict": list(decision.verdict), "joint": joint, "left": share}
+    if not standing:
+        return _at_odds(decision, (share / MOST) ** STEEPLY, joint), told
+    if standing == decision.verdict:
+        return decision, None
+    fewer = without(decision, *(name for name in decision.verdict if name not in standing))
+    return (fewer, told) if fewer else (decision, None)
+
+
+def _least_left(name: str, left: Mapping[int, float]) -> float:
+    """The share that is left at the joint of an effect, name@joint; of one of the whole arm that of any joint."""
+    joint = int(name.partition("@")[2])
+    return left.get(joint, 1.0) if joint else min(left.values(), default=1.0)
 
 
 def known(decision: Decision) -> Decision:
@@ -112,17 +150,38 @@ def outsized(content: dict[str, Any]) -> bool:
     return any(q["end"] for q in sizes)
 
 
-def borne_out(decision: Decision, before: Replay, alone: Replay, flexible: Replay, held: Portion) -> Decision:
-    """The decision that something unknown is at work, its odds in view of what the `known` effects ``alone`` leave of
-    the errors ``before`` in what is ``held`` out, of the joint that has the largest share left: as they rise there with
-    what a verdict leaves, so they fall, and again where a ``flexible`` correction leaves more. Where one leaves less
-    there is a structure: short windows have looked for it, and of what long ones tell the odds rise."""
-    left, others = (_left(before, one, held) for one in (alone, flexible))
+def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alone: Replay) -> Decision:
+    """A decision that something unknown is at work, in view of motion that the fit did not see.
+
+    As the odds of something unknown rise there with what a verdict leaves, so they fall with what known effects leave
+    of the joint that has the largest share left, and again where a flexible correction leaves more. Where one leaves
+    less there is a structure: short windows have looked for it, and of what long ones tell the odds rise. Where each of
+    these effects closes a third of what its joint errs by, and the base parameters by themselves do not, something
+    unknown is no more probable than they are, and the less so the less they leave.
+
+    Args:
+        decision: that something unknown is at work.
+        said: the known effects, name@joint.
+        motion: that the fit did not see.
+        alone: its replay with these effects.
+
+    Returns:
+        The decision at other odds; what it says may be the known effects.
+
+    """
+    before, held = motion.before, motion.portion
+    left, others, base = (_left(before, one, held) for one in (alone, motion.flexible, motion.base))
     at, share = max(left.items(), key=lambda one: one[1], default=(0, 1.0))
     beside = share / min(max(others.get(at, 0.0), LEAST), MOST)
     odds = decision.stated / max(1.0 - decision.stated, LEAST)
     for ratio in (min(share / MOST, 1.0), beside if decision.lasting else min(beside, 1.0)):
         odds *= ratio**STEEPLY
+    of_base = {j: left[j] / max(min(base.get(j, 1.0), 1.0), LEAST) for j in left}
+    shares = [_least_left(name, of_base) for name in said]
+    if shares and max(shares) <= MOST:
+        sets = [h for h in decision.hypotheses if not h.unknown]
+        named = sum(h.probability for h in sets if h.names) / sum(h.probability for h in sets)
+        odds = min(odds, named * max(shares) / MOST)
     (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
     return _at_odds(decision, odds, joint)
 
@@ -143,14 +202,15 @@ def _whole(decision: Decision) -> Arm:
     return at.shooting.arm.at(at.point.p)
 
 
-def worst(before: Replay, after: Replay, whole: Replay, held: Portion, named: Collection[int]) -> tuple[int, float]:
-    """The joint of whose errors ``before`` the largest share is left, and the share, 0 where nothing is left that
-    counts: what ``after`` or ``whole`` leaves, the less, but ``after`` where it closes next to nothing of a joint that
-    is ``named``."""
+def leave_shares(
+    before: Replay, after: Replay, whole: Replay, held: Portion, named: Collection[int]
+) -> dict[int, float]:
+    """The share of the errors ``before`` that is left at each joint, 0 where nothing is left that counts: what
+    ``after`` or ``whole`` leaves, the less, but ``after`` where it closes next to nothing of a joint that is
+    ``named``."""
     said, tolerating = (_left(before, one, held) for one in (after, whole))
     alone = {j for j in named if said.get(j, 0.0) > NOTHING}
-    shares = {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
-    return max(shares.items(), key=lambda one: one[1], default=(0, 0.0))
+    return {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
 
 
 def _left(before: Replay, after: Replay, held: Portion) -> dict[int, float]:

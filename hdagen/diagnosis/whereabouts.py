@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from hdagen import late
+from hdagen.diagnosis.gap import DRAWS, LEVEL
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.portion import Mask
 from hdagen.diagnosis.regimes import LEAST, Concentrated, Periodic, Regressor, concentrated, explained, periodic
@@ -25,6 +26,7 @@ from hdagen.plant import Array
 from hdagen.readings import limits, mechanical
 
 PLACES = ("input", "motor", "transmission", "link", "sensor")
+APART = 1e3  # stands for the logarithm of a gap that is infinite
 FEW = 0.01  # a share of base parameters below which a place is not named
 CONSTANT = 0.8  # of the rms, from where a mean is the most of it
 MUCH = 0.2  # of a variance, from where a regressor is named
@@ -68,7 +70,9 @@ def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str
     if strange and not verdict:
         return left
     parts = _parts(sight, verdict)
-    shares, often = _shares(sight, parts, rows)
+    if not parts:
+        return left
+    shares, intervals, often = _shares(sight, parts, rows)
     effects = [k for k, part in enumerate(parts) if part.name in verdict]
     others = sorted((k for k in range(len(parts)) if k not in effects and shares[k] >= FEW), key=lambda k: -shares[k])
     entries = []
@@ -77,7 +81,8 @@ def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str
         said = (
             _when(sight, part) if k in effects else f"Base parameters, {part.name}, within their tolerance: {often[k]}."
         )
-        entries.append({"joint": part.joint, "place": part.place, "share": round(shares[k], 4), "when": said})
+        share = {"share": round(shares[k], 4), "interval": intervals[k]}
+        entries.append({"joint": part.joint, "place": part.place, **share, "when": said})
     return entries[: len(effects)] + left + entries[len(effects) :]
 
 
@@ -107,21 +112,34 @@ def _base_place(name: str) -> str:
     return "link" if name.startswith(_LINKS) else "motor"
 
 
-def _shares(sight: Sight, parts: list[Part], rows: Mask) -> tuple[list[float], list[str]]:
-    """Of the closed gap (one for each part, from 0; they sum to 1), and in how much of the motion each tells."""
+def _shares(sight: Sight, parts: list[Part], rows: Mask) -> tuple[list[float], list[list[float] | None], list[str]]:
+    """Of the closed gap (one for each part, from 0; they sum to 1), their intervals from seconds of motion drawn with
+    replacement, the same for all, and in how much of the motion each tells."""
     seconds = np.floor((sight.log.time - sight.log.time[0]) / SECOND).astype(int)
     whole = _squares(sight, sight.after, rows, seconds)
-    back, often = list[float](), list[str]()
+    without = []
     for part in parts:
         p = sight.after.copy()
         p[list(part.own)] = sight.before[list(part.own)]
-        without = _squares(sight, p, rows, seconds)
-        back.append(max(float(_gap(without.sum(0)) - _gap(whole.sum(0))), 0.0))
-        often.append(_told(_gap(without) - _gap(whole)))
-    total = sum(back)
-    if not 0 < total < math.inf:
-        return [1.0 if k == 0 else 0.0 for k in range(len(parts))], often
-    return [b / total for b in back], often
+        without.append(_squares(sight, p, rows, seconds))
+    often = [_told(_gap(one) - _gap(whole)) for one in without]
+    drawn = np.random.default_rng(0).integers(len(whole), size=(DRAWS, len(whole)))
+    shares = _parted(np.stack([_gap(one.sum(0)) - _gap(whole.sum(0)) for one in without], -1))
+    intervals: list[list[float] | None] = [None] * len(parts)
+    if len(whole) > 1:
+        each = [_gap(one[drawn].sum(1)) - _gap(whole[drawn].sum(1)) for one in without]
+        low, high = np.quantile(_parted(np.stack(each, -1)), ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
+        intervals = [[round(a, 4), round(b, 4)] for a, b in zip(low.tolist(), high.tolist(), strict=True)]
+    return shares.tolist(), intervals, often
+
+
+def _parted(back: Array) -> Array:
+    """Shares (…, parts) of what comes back of the logarithm of the gap where each part is taken out; all of it is the
+    first one's where nothing does."""
+    back = np.maximum(np.nan_to_num(back, posinf=APART), 0.0)
+    total = back.sum(-1, keepdims=True)
+    first = np.arange(back.shape[-1]) == 0
+    return np.asarray(np.where(total > 0.0, back / np.maximum(total, 1e-300), first))
 
 
 def _told(worse: Array) -> str:
@@ -174,7 +192,7 @@ def _unknown(sight: Sight, joint: int, rows: Mask) -> dict[str, Any]:
         squares[j] = squares.get(j, 0.0) + float(error @ error)
     part = Part(f"unknown@{joint}", joint, place, ())
     share = squares.get(joint, 0.0) / max(sum(squares.values()), 1e-300)
-    return {"joint": joint, "place": place, "share": round(share, 4), "when": _when(sight, part)}
+    return {"joint": joint, "place": place, "share": round(share, 4), "interval": None, "when": _when(sight, part)}
 
 
 def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:

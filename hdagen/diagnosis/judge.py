@@ -1,0 +1,118 @@
+"""What of a decision stands on motion that no fit saw, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hdagen import verdict
+from hdagen.diagnosis.beside import Sure, beside
+from hdagen.diagnosis.decide import Decision
+from hdagen.diagnosis.findings import findings
+from hdagen.diagnosis.search import Search
+from hdagen.diagnosis.small_effects import drop_small_effects
+from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
+from hdagen.diagnosis.unseen_motion import UnseenMotion
+from hdagen.plant import Arm
+from hdagen.replay import Replay
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """What is said of a ``decision``: ``content`` of diagnosis.json so far, the model with what stands of it, ``arm``,
+    and its replay, ``after``."""
+
+    decision: Decision
+    content: dict[str, Any]
+    arm: Arm
+    after: Replay
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Judges what a search ``found`` on a ``motion`` that it did not see. ``plain`` is the robot file's model, ``arm``
+    the one with every effect; ``direct`` are the effects that the log shows by themselves."""
+
+    plain: Arm
+    arm: Arm
+    found: Search
+    direct: Sequence[Sure]
+    motion: UnseenMotion
+
+    def state(self, decision: Decision, *further: UnseenMotion) -> Statement:
+        """What is said of a decision, as far as it closes the gap on the motion and on each ``further`` one, on the
+        last of which the gap is measured. Raises PlantError."""
+        motions = list(dict.fromkeys((self.motion, *further)))
+        content = findings(self.found, decision)
+        arm, after = stands(self.plain, choose_model(self.arm, decision, content), content, motions)
+        return Statement(decision, content, arm, after)
+
+    def name_known(self, strange: Decision) -> Decision | None:
+        """The known effects in place of something unknown, where the motion bears that out; else None. Raises
+        PlantError."""
+        if not (without_it := known(strange)).verdict:
+            return None
+        alone = self._with_direct(without_it)
+        tried = borne_out(strange, alone.content["verdict"], self.motion, alone.after)
+        return None if tried.unknown or outsized(alone.content) else tried
+
+    def check(self, decision: Decision) -> tuple[Decision, dict[str, Any]]:
+        """The decision as it stands on the motion, and ``doubted``, ``alone`` and ``small`` of diagnosis.json. Raises
+        PlantError."""
+        stated = self._with_direct(decision)
+        checked, doubt = doubted(stated.decision, stated.content["verdict"], self.motion, stated.after)
+        if doubt:
+            checked = self._with_direct(checked).decision
+        checked, small = drop_small_effects(checked, lambda one: self.state(one).content["gap"])
+        return checked, {"doubted": doubt, "alone": [one.content for one in self.direct], "small": small}
+
+    def _with_direct(self, decision: Decision) -> Statement:
+        """What is said with the effects that the log shows by themselves, which are withdrawn first."""
+        if (more := beside(decision, self.direct)) is not decision:
+            stated = self.state(more)
+            if stated.content["verdict"] == list(more.verdict):
+                return stated
+        return self.state(decision)
+
+
+def choose_model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
+    """The model that a verdict is replayed on.
+
+    Args:
+        arm: with every effect, as a model with the verdict's alone is to be compiled, and rigid drives that are rigid.
+        decision: where its fit stands, the model may have springs.
+        content: of diagnosis.json.
+
+    Returns:
+        The arm, or where that lacks what is said the model with springs.
+
+    """
+    said = verdict.read(content)
+    described = arm.parameters.described
+    lacks = any(name not in described for name in (*said.parameters, *said.base))
+    return decision.best.design.shooting.arm if lacks else arm
+
+
+def choose(decision: Decision, judge: Judge, search_long_windows: Callable[[Decision], Decision | None]) -> Decision:
+    """What is said where something unknown may be at work.
+
+    Args:
+        decision: what short windows say.
+        judge: on motion that they did not see.
+        search_long_windows: looks once more, for what works all the time, where something unknown leads still.
+
+    Returns:
+        The decision, which names known effects wherever these are borne out.
+
+    Raises:
+        PlantError: a model cannot be simulated.
+
+    """
+    if not decision.unknown:
+        return decision
+    if (better := judge.name_known(decision)) is not None:
+        return better
+    lasting = search_long_windows(decision)
+    better = judge.name_known(lasting) if lasting else None
+    return better or decision
