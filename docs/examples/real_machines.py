@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -40,6 +41,7 @@ FRICTIONS = (
 )
 LEAST_CLOSED, MOST_AFTER = 0.60, 1.02  # median over the cases; after over before, in each
 WIDTH = 120  # of the printed table
+LONGEST = len("load_dependent_friction@1")
 
 
 @dataclass(frozen=True)
@@ -256,6 +258,7 @@ def summarize(case: Case, found: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "name": case.name,
         "machine": case.machine,
+        "page": Path(case.logs[0].converter).parts[0],
         "answer": describe_answer(case),
         "verdict": verdict,
         "sure": found["sure"],
@@ -294,31 +297,28 @@ def judge(rows: Sequence[Mapping[str, Any]], asked: int) -> list[dict[str, Any]]
 
 def print_table(rows: Sequence[Mapping[str, Any]], bars: Sequence[Mapping[str, Any]]) -> None:
     """A row a case and a line a bar, on the standard output."""
-    table = Table(width=WIDTH, show_lines=True)
-    for head, numeric in (("machine", False), ("known answer", False), ("verdict", False), ("sure", False)):
-        table.add_column(head, justify="right" if numeric else "left", overflow="fold", ratio=None)
-    for head in ("before", "after", "achiev.", "closed", "named", "half"):
+    table = Table(box=box.SIMPLE_HEAD, padding=0, show_edge=False)
+    table.add_column("machine", max_width=24)
+    table.add_column("known answer", min_width=LONGEST)
+    table.add_column("verdict", min_width=LONGEST)
+    for head in ("sure", "before", "after", "achiev.", "closed", "named", "half"):
         table.add_column(head, justify="right", no_wrap=True)
     for row in rows:
-        numbers = [f"{row[key]:.4g}" for key in ("before", "after", "achievable")]
+        numbers = [_number(row[key]) for key in ("before", "after", "achievable")]
         closed = "" if row["closed"] is None else f"{row['closed']:.2f}"
-        verdict = ", ".join(row["verdict"]) or "none"
-        table.add_row(
-            row["machine"],
-            row["answer"],
-            verdict,
-            _word(row["sure"]),
-            *numbers,
-            closed,
-            _word(row["named"]),
-            _word(row["halved"]),
-        )
+        judged = (_word(row[key]) for key in ("named", "halved"))
+        verdict = "\n".join(row["verdict"]) or "none"
+        table.add_row(row["machine"], row["answer"], verdict, _word(row["sure"]), *numbers, closed, *judged)
     Console(width=WIDTH, highlight=False, markup=False).print(table)
     for bar in bars:
         met = bar["reached"] >= bar["asked"] if bar["bound"] == "least" else bar["reached"] <= bar["asked"]
         print(
             f"{bar['name']}: {bar['reached']:.3g}, at {bar['bound']} {bar['asked']:.3g}: {'met' if met else 'missed'}"
         )
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def _word(holds: bool | None) -> str:
