@@ -14,7 +14,7 @@ UNKNOWN = "unknown@"
 
 
 def table(found: Mapping[str, Any]) -> str:
-    """A line for each case of all machines and one for each bar, as Markdown; ``found`` as `hdagen.figures` reads it."""
+    """A line for each case of all machines and one for each bar, as Markdown; ``found`` as figures.py reads it."""
     bars = ["| | | bar | |", "|---|---|---|---|"]
     for bar in found["real"]["bars"]:
         met = bar["reached"] >= bar["asked"] if bar["bound"] == "least" else bar["reached"] <= bar["asked"]
