@@ -52,9 +52,10 @@ def _lines(cases: list[Mapping[str, Any]]) -> list[str]:
 
 def _sized(entry: str, sizes: Mapping[str, Any]) -> str:
     """A named effect with the values of its parameters."""
-    values = [
-        f"{value['value']:.3g} ± {value['std']:.1g} {value['unit']}".rstrip() for value in sizes.get(entry, {}).values()
-    ]
+    values = []
+    for value in sizes.get(entry, {}).values():
+        spread = "" if value["std"] is None else f" ± {value['std']:.1g}"
+        values.append(f"{value['value']:.3g}{spread} {value['unit']}".rstrip())
     return f"`{entry}`" + (f" ({', '.join(values)})" if values else "")
 
 

