@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from hdagen import machine_tables
 from hdagen.blind import rates
 from hdagen.paper import document
 from hdagen.whole import write_whole
@@ -27,6 +28,7 @@ SOURCES = {
     "demo": ("docs/demo.json", "hdagen demo --json"),
     "paper": ("docs/paper.json", "hdagen paper all"),
     "blind": ("docs/blind.json", "hdagen blind"),
+    "real": ("docs/real.json", "docs/examples/real_machines.py"),
     "identification": (
         "docs/examples/emps/identification.json",
         "hdagen replay emps DATA_EMPS.mat --columns columns.toml --json",
@@ -368,6 +370,7 @@ TABLES: dict[str, Callable[[Found], str]] = {
     "predictive": predictive,
     "sense": sense,
     "blind": lambda found: rates.table(found["blind"]),
+    **machine_tables.TABLES,
     "results": lambda found: f"\n{document.tables(found['paper'])}\n\n",
 }
 

@@ -57,6 +57,33 @@ def test_a_missed_bar_stands_there_as_missed(found: dict[str, Any]) -> None:
     assert "missed" not in line
 
 
+def test_a_real_machine_s_page_says_what_is_there_and_what_remains(found: dict[str, Any]) -> None:
+    friction = {"coulomb_friction": {"value": 20.877, "std": 0.66, "unit": "N m"}}
+    case = {
+        "machine": "a slide",
+        "page": "emps",
+        "answer": "coulomb_friction@1",
+        "verdict": ["coulomb_friction@1", "unknown@1"],
+        "sure": False,
+        "before": 1634.4,
+        "after": 157.29,
+        "achievable": 12.34,
+        "closed": 0.9106,
+        "named": True,
+        "sizes": {"coulomb_friction@1": friction},
+    }
+    changed = dict(found) | {
+        "real": {"cases": [case, case | {"page": "bam", "verdict": [], "named": False}], "bars": []}
+    }
+    *_, line = figures.TABLES["real emps"](changed).splitlines()
+    assert line == (
+        "| a slide | coulomb_friction@1 | `coulomb_friction@1` (20.9 ± 0.7 N m) | `unknown@1` | no "
+        "| 1634 | 157 | 12.3 | 91 % |"
+    )
+    *_, line = figures.TABLES["real bam"](changed).splitlines()
+    assert line.startswith("| a slide | coulomb_friction@1: **missed** | nothing named |  | no |")
+
+
 def test_a_figure_says_where_and_when_it_was_measured(found: dict[str, Any]) -> None:
     changed = copy.deepcopy(found)
     changed["bench"]["machine"] |= {"date": "2031-02-03", "load": "0.1"}

@@ -12,9 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import real_machines
 from real_bam import closed_loop
-from real_examples import EXAMPLES, recorded, run
+from real_examples import EXAMPLES, ROOT, recorded, run
+from real_machines import Case
 
+from gen.effects import ALL
 from gen.robot import load
 from hdagen.log import Log, read
 from hdagen.plant import Arm
@@ -297,6 +300,94 @@ def test_the_double_pendulum_s_measured_torque_lags_and_is_smaller(dfki: dict[st
         for j in (1, 2):
             command, measured = dfki[run_][f"motor_torque_command_{j}"], dfki[run_][f"motor_torque_{j}"]
             assert 0.55 < np.ptp(measured) / np.ptp(command) < 0.75
+
+
+# -- DFKI simple pendulum ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def simple(data_dir: Path) -> dict[str, Log]:
+    """The measured motions, by name."""
+    map_ = EXAMPLES / "dfki_simple" / "columns.toml"
+    files = recorded(data_dir, "dfki_simple_pendulum/*_measured.csv")
+    assert len(files) == 7
+    return {path.stem.removesuffix("_measured"): read(path, map_, 1) for path in files}
+
+
+def test_the_simple_pendulum_s_torque_is_the_motor_s_and_every_row_is_kept(
+    simple: dict[str, Log], data_dir: Path
+) -> None:
+    for name, log in simple.items():
+        (path,) = recorded(data_dir, f"dfki_simple_pendulum/{name}_measured.csv")
+        logged = np.genfromtxt(path, delimiter=",", names=True)
+        np.testing.assert_array_equal(log.time, logged["time"])
+        np.testing.assert_array_equal(log["joint_position_1"], logged["position"])
+        np.testing.assert_allclose(log["motor_torque_1"], logged["torque"] / 6, rtol=1e-12)
+        assert abs(log["joint_position_1"][0]) < 0.002  # all begin hanging
+
+
+@pytest.mark.parametrize("name", ["direct_collocation", "ddp"])
+def test_the_weight_s_own_inertia_replays_what_the_published_one_does_not(
+    name: str, simple: dict[str, Log], arm: Callable
+) -> None:
+    folder, log = EXAMPLES / "dfki_simple", simple[name]
+    assert looked_at(log, robot_of(folder / "robot.toml")).refusals == ()
+    stated = (folder / "robot.toml").read_text()
+    rubbed = stated.replace("coulomb_friction = 0.0", "coulomb_friction = 0.03")
+    assert rubbed != stated
+    free, dry, published = (
+        replay(arm(text), log, 0.5).errors["joint_position_1"]
+        for text in (stated, rubbed, (folder / "published.toml").read_text())
+    )
+    assert published == pytest.approx({"direct_collocation": 0.85, "ddp": 0.41}[name], rel=0.1)  # rad, as listed
+    assert free < published / 5
+    assert dry < 0.6 * free
+
+
+def test_a_heavier_weight_alone_does_not_explain_the_swings_with_it(simple: dict[str, Log], arm: Callable) -> None:
+    """What else is missing there nobody has said, so that no payload can be asked for."""
+    light = (EXAMPLES / "dfki_simple" / "robot.toml").read_text()
+    heavy = light.replace("mass = 0.6755", "mass = 1.0").replace("0.168875", "0.25")
+    errors = [
+        replay(arm(text), simple["energy_shaping_1kg"], 0.5).errors["joint_position_1"] for text in (light, heavy)
+    ]
+    assert errors[0] > errors[1] > 0.8 * errors[0] > 0.15
+
+
+# -- all of them ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", real_machines.CASES, ids=lambda case: case.name)
+def test_a_case_of_the_real_machines_is_converted(
+    case: Case, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    try:
+        inputs = real_machines.convert(case, data_dir / "real", tmp_path)
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    assert [len(inputs.logs), len(inputs.hold_out)] == ([12, 4] if case.name == "bam" else [1, len(case.hold_out)])
+    joints = case.logs[0].joints
+    for path in (*inputs.logs, *inputs.hold_out):
+        assert read(path).n_joints == joints
+    assert len(load(inputs.robot).joints) == joints
+    names = {name.split("@")[0] for part in (*case.answer, case.wrong) for name in part}
+    assert names <= {effect.name for effect in ALL}
+
+
+def test_bam_s_gain_of_400_is_held_out(data_dir: Path) -> None:
+    (bam,) = (case for case in real_machines.CASES if case.name == "bam")
+    held, known = (
+        [path for one in recordings for path in recorded(data_dir, one.pattern)]
+        for recordings in (bam.hold_out, bam.logs)
+    )
+    assert {json.loads(path.read_text())["kp"] for path in held} == {400}
+    assert {json.loads(path.read_text())["kp"] for path in known} == {100, 200, 800}
+
+
+def test_recordings_that_are_not_there_are_said_to_be_missing(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no recorded logs: nothing matches .*DATA_EMPS.mat"):
+        real_machines.convert(real_machines.CASES[0], tmp_path, tmp_path / "out")
 
 
 # -- PACE's case ------------------------------------------------------------------------------------------------------
