@@ -32,7 +32,9 @@ JUDGE = Path(os.environ.get("HDAGEN_DATA", Path(__file__).parents[2] / "shared" 
 
 
 def label(*truth: str) -> dict[str, Any]:
-    return {"verdict": list(truth), "sizes": [1.0] * len(truth), "background": 0.0}
+    unknown = [one for one in truth if one.startswith("unknown")]
+    kinds = {0: "none", 1: "unknown" if unknown else "single", 2: "unknown+one" if unknown else "pair"}
+    return {"kind": kinds[len(truth)], "verdict": list(truth), "sizes": [1.0] * len(truth), "background": 0.0}
 
 
 def told(*truth: str) -> dict[str, Any]:
@@ -278,7 +280,7 @@ WHICH = ("before", "after")
 
 
 def _robot() -> Any:
-    from hdagen.blind.cases import robots
+    from hdagen.blind.arms import robots
 
     return robots("any")[0]
 

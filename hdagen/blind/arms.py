@@ -193,9 +193,7 @@ def scattered(robot: TwoJointArm, seed: int) -> list[dict[str, float]]:
     return true
 
 
-def parameters(
-    case: ArmCase, ends: Mapping[int, Mapping[str, float]]
-) -> dict[tuple[str, int], dict[str, float]]:
+def parameters(case: ArmCase, ends: Mapping[int, Mapping[str, float]]) -> dict[tuple[str, int], dict[str, float]]:
     """Parameters of every effect in reality, by effect and joint (from 1, 0: the arm).
 
     ``ends`` by joint: what the motion reaches, ``peak`` current, ``lowest`` and ``highest`` angle, by which saturation

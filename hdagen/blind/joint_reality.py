@@ -124,7 +124,9 @@ class _Run:
         """The encoders, rad."""
         read = []
         for j, joint in enumerate(self.case.robot.joints):
-            angle = float(self.data.qpos[j]) * self.scale[j] + joint["encoder_noise"] * float(self.rng.standard_normal())
+            angle = float(self.data.qpos[j]) * self.scale[j] + joint["encoder_noise"] * float(
+                self.rng.standard_normal()
+            )
             read.append(round(angle / joint["resolution"]) * joint["resolution"])
         return read
 

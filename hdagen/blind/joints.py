@@ -7,7 +7,7 @@ the joint, N m, but where they are said to be at the motor.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -177,7 +177,9 @@ class JointCase:
             "verdict": required,
             "optional": optional,
             "sizes": [found[name]["level"] for name in (*required, *optional)],
-            "background": max(_nameless_share(f, n, v) for f, n, v in zip(self.friction, self.nameless, self._speeds(), strict=True)),
+            "background": max(
+                _nameless_share(f, n, v) for f, n, v in zip(self.friction, self.nameless, self._speeds(), strict=True)
+            ),
             "joints": [asdict(f) | asdict(n) for f, n in zip(self.friction, self.nameless, strict=True)],
             "seed": self.seed,
         }
@@ -186,7 +188,11 @@ class JointCase:
         """A diagnosis.json with the best linear friction and the true base parameters."""
         found = self.parameters()
         causes = [
-            {"effect": effect, "joint": int(j), "parameters": {effect: {"value": max(found[f"{effect}@{j}"]["level"], 0.0)}}}
+            {
+                "effect": effect,
+                "joint": int(j),
+                "parameters": {effect: {"value": max(found[f"{effect}@{j}"]["level"], 0.0)}},
+            }
             for effect, _, j in (name.partition("@") for name in found)
         ]
         base = SCATTERED if self.robot.current else SCATTERED[:-1]
@@ -230,9 +236,7 @@ def _case(seed: str, index: int) -> JointCase:
     scatter, jitter = float(rng.uniform(0.02, 0.04)), float(rng.uniform(0.0, 50e-6))
     robot = JointRobot(f"joint-{digest(seed, 'robot', index).hex()[:10]}", gravity, tuple(joints), encoder, current)
     name = digest(seed, KIND, index, "name").hex()[:16]
-    return JointCase(
-        name, robot, rate, commanded, friction, nameless, speeds, scatter, jitter, seed_of_case
-    )
+    return JointCase(name, robot, rate, commanded, friction, nameless, speeds, scatter, jitter, seed_of_case)
 
 
 def _links(rng: np.random.Generator, count: int) -> list[dict[str, float]]:

@@ -165,7 +165,7 @@ def _diagnosed(asked: Check, folder: Path, builds: Path, stop: threading.Event) 
 
 
 def _gaps(asked: Check, folder: Path, case: Case, builds: Path, stop: threading.Event) -> dict[str, Any]:
-    """The replay's gap on the hold-out, before and after the diagnosis, and with what is true where that can be said."""
+    """The replay's gap on the hold-out, before and after the diagnosis, and with what is true where it can be said."""
     found: dict[str, Any] = {}
     diagnoses = {"before": "", "after": "out/diagnosis.json"}
     if (true := case.true_set()) is not None:

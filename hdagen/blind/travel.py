@@ -45,8 +45,8 @@ def travel(rng: np.random.Generator, speeds: Sequence[float], seconds: float) ->
         far = 2.0 * math.sqrt(float(np.sum(amplitudes**2)) / 2.0)
         amplitudes *= min(speed / fast, _REACH / far)
         position[:, j] = window * (np.sin(np.outer(time, pulsation) + phases) @ amplitudes)
-    velocity = np.gradient(position, PERIOD, axis=0)
-    return Travel(time, position, velocity, np.gradient(velocity, PERIOD, axis=0))
+    velocity = np.asarray(np.gradient(position, PERIOD, axis=0))
+    return Travel(time, position, velocity, np.asarray(np.gradient(velocity, PERIOD, axis=0)))
 
 
 def link_torques(

@@ -37,9 +37,7 @@ def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float
     return folder
 
 
-def _case(
-    folder: Path, seed: str, index: int, case: Case, seconds: float, stop: threading.Event
-) -> dict[str, object]:
+def _case(folder: Path, seed: str, index: int, case: Case, seconds: float, stop: threading.Event) -> dict[str, object]:
     folder.mkdir(exist_ok=True)
     write_whole(folder / "robot.toml", case.robot.toml().encode())
     request = {"seed": seed, "kind": case.kind, "index": index, "seconds": seconds}
