@@ -20,7 +20,7 @@ from hdagen.blind.travel import PERIOD, Travel, link_torques
 
 STEPS = 5  # a PERIOD
 STEP = PERIOD / STEPS
-_BANDWIDTH, _SHARE = 30.0, 1.0 / 6.0  # rad/s of the position loop at most, and what of the loop's rate it may have
+_BANDWIDTH, _SHARE = 30.0, 0.25  # rad/s of the position loop at most, and what of the loop's rate it may have
 _DAMPING = 0.8
 _FILTER = 4.0  # times the bandwidth: of the speed that is made from angles
 _ALMOST_ONE = 0.9999  # MuJoCo's hardest impedance

@@ -218,7 +218,7 @@ def _case(seed: str, index: int) -> JointCase:
     gravity = (0.0, float(rng.choice([0.0, -9.81])))
     rate = int(rng.choice(RATES))
     current = bool(rng.integers(2))
-    commanded = current or bool(rng.integers(2))
+    commanded = current or bool(rng.random() < 1 / 3)
     encoder = str(rng.choice(["motor", "joint"]))
     speeds = tuple(log_uniform(rng, 0.8, 4.0) for _ in range(count))
     seed_of_case = int(rng.integers(2**62))
