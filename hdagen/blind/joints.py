@@ -107,7 +107,7 @@ class JointRobot:
 class JointCase:
     """A case before it is simulated. ``rate`` of the log, Hz; ``commanded``: the log has commands, and the controller
     runs at its rate; ``scatter``: relative standard deviation of the true parameters; ``jitter``: the most that stamps
-    are off, s; ``speeds``: the most that each joint's motion has, rad/s; ``seed`` of all else."""
+    are off, s; ``speeds``, rad/s, that each joint's motion seldom passes; ``seed`` of all else."""
 
     name: str
     robot: JointRobot
@@ -165,7 +165,7 @@ class JointCase:
 
     def _speeds(self) -> list[np.ndarray]:
         """Speeds at which each joint moves in the log."""
-        return [v[np.abs(v) > _MOVING] for v in self.motion("log", LENGTH).velocity.T]
+        return _moving(self.motion("log", LENGTH))
 
     def label(self) -> dict[str, Any]:
         """What is sealed: ``optional`` may be named or not, ``sizes`` are levels at the motor."""
@@ -200,6 +200,11 @@ class JointCase:
         return {"schema": 1, "verdict": list(found), "causes": causes, "parameters": numbers}
 
 
+def _moving(motion: Travel) -> list[np.ndarray]:
+    """Speeds of each joint where it moves."""
+    return [v[np.abs(v) > _MOVING] for v in motion.velocity.T]
+
+
 def _nameless_share(friction: Friction, nameless: Nameless, v: np.ndarray) -> float:
     """Torque without a name by friction, both rms."""
     usual = float(np.sqrt(np.mean(friction.torque(v) ** 2)))
@@ -223,15 +228,16 @@ def _case(seed: str, index: int) -> JointCase:
     speeds = tuple(log_uniform(rng, 0.8, 4.0) for _ in range(count))
     seed_of_case = int(rng.integers(2**62))
     motion = travel(stream(str(seed_of_case), "motion", "log"), speeds, LENGTH)
+    moving = _moving(motion)
     links = _links(rng, count)
     asked = link_torques(links, gravity, motion.position, motion.velocity, motion.acceleration)
     usual = np.sqrt(np.mean(asked**2, axis=0))
-    friction = tuple(_friction(rng, float(t), v) for t, v in zip(usual, motion.velocity.T, strict=True))
-    nameless = tuple(_nameless(rng, f, v) for f, v in zip(friction, motion.velocity.T, strict=True))
+    friction = tuple(_friction(rng, float(t), v) for t, v in zip(usual, moving, strict=True))
+    nameless = tuple(_nameless(rng, f, v) for f, v in zip(friction, moving, strict=True))
     known = 0.5 if rng.random() < 1 / 3 else 0.0  # of the friction, that the robot file states
     joints = [
         {**link, **_drive(rng, link, f, float(t), v, known), **_sensor(rng, encoder, link["ratio"])}
-        for link, f, t, v in zip(links, friction, usual, motion.velocity.T, strict=True)
+        for link, f, t, v in zip(links, friction, usual, moving, strict=True)
     ]
     scatter, jitter = float(rng.uniform(0.02, 0.04)), float(rng.uniform(0.0, 50e-6))
     robot = JointRobot(f"joint-{digest(seed, 'robot', index).hex()[:10]}", gravity, tuple(joints), encoder, current)

@@ -14,7 +14,7 @@ import numpy as np
 PERIOD = 1e-3  # s
 _SINES = (0.12, 2.0)  # Hz, from slow sweeps over the range to quick reversals
 _COUNT = 7
-_REACH = 1.4  # rad either way at most
+_REACH = 1.4  # rad either way, seldom passed
 _START = 1.0  # s, from rest into the motion
 
 
@@ -29,8 +29,8 @@ class Travel:
 
 
 def travel(rng: np.random.Generator, speeds: Sequence[float], seconds: float) -> Travel:
-    """Sines of about equal speed from rest at 0, each joint at ``speeds`` rad/s at most, or less where it would go
-    beyond its reach; ``seconds`` change nothing of what comes before its end."""
+    """Sines of about equal speed from rest at 0, which seldom pass ``speeds`` rad/s, by joint, and the reach; more
+    ``seconds`` change nothing of what comes before."""
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     ramp = np.clip(time / _START, 0.0, 1.0)
     window = ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
