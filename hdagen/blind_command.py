@@ -45,7 +45,7 @@ def add_parser(commands: Any) -> None:
         "told at the end)",
     )
     p.add_argument("--jobs", type=int, default=2, metavar="J", help="cases at the same time (default: 2)")
-    p.add_argument("--seconds", type=float, default=10.0, metavar="T", help="length of a log, s (default: 10)")
+    p.add_argument("--seconds", type=float, metavar="T", help="length of a log, s (default: 10; joints: 24)")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: blind-<kind>)")
     p.add_argument("--keep", action="store_true", help="keep every case's logs and page")
     p.add_argument("--calibrate", type=Path, metavar="FILE", help="also write the data that a calibration is fitted to")
@@ -55,6 +55,10 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Check, write, print."""
+    from hdagen.blind import SECONDS
+
+    if options.seconds is None:
+        options.seconds = SECONDS[options.kind]
     problems = _conflicts(options)
     if problems:
         print("\n".join(problems), file=sys.stderr)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hdagen
-from hdagen.blind.cases import DRIVE, SENSOR, Case, Present, Robot, parameters, robots
+from hdagen.blind.arms import DRIVE, SENSOR, ArmCase, Present, TwoJointArm, parameters, robots
 from hdagen.blind.drivetrain import Drivetrain, Slip, Springs
 from hdagen.blind.make import make
 from hdagen.blind.motion import Motion, circle, rich
@@ -24,8 +24,8 @@ LINKS = (
     {"length": 0.17, "mass": 0.9, "center_of_mass": 0.08, "inertia": 0.012},
 )
 JOINTS = tuple({**link, **DRIVE, **SENSOR} for link in LINKS)
-FLAT = Robot("flat", (0.0, 0.0), JOINTS)  # type: ignore[arg-type]
-STANDING = Robot("standing", (0.0, -9.81), JOINTS)  # type: ignore[arg-type]
+FLAT = TwoJointArm("flat", (0.0, 0.0), JOINTS)  # type: ignore[arg-type]
+STANDING = TwoJointArm("standing", (0.0, -9.81), JOINTS)  # type: ignore[arg-type]
 NOTHING: tuple[dict[str, dict[str, float]], ...] = ({}, {})
 
 
@@ -35,7 +35,7 @@ def still(rows: int, q: tuple[float, float] = (0.0, 0.0)) -> Motion:
 
 
 def log(
-    robot: Robot,
+    robot: TwoJointArm,
     motion: Motion,
     effects: tuple[dict[str, dict[str, float]], ...] = NOTHING,
     arm: dict[str, dict[str, float]] | None = None,
@@ -119,7 +119,7 @@ def test_the_bristle_settles_at_the_level_of_friction() -> None:
 
 
 @pytest.mark.parametrize("robot", [FLAT, STANDING], ids=lambda robot: robot.name)
-def test_the_generated_model_replays_a_reality_without_effects_at_the_noise(robot: Robot, tmp_path: Path) -> None:
+def test_the_generated_model_replays_a_reality_without_effects_at_the_noise(robot: TwoJointArm, tmp_path: Path) -> None:
     """Both simulators share no line, so this holds each to the other."""
     path = tmp_path / "robot.toml"
     path.write_text(robot.toml())
@@ -238,14 +238,14 @@ def quiet() -> dict[str, np.ndarray]:
     return log(FLAT, lively())
 
 
-CASE = Case("x", "single", 0, (), 1.0, 5)  # its background is the typical size of everything
+CASE = ArmCase("x", "single", FLAT, (), 1.0, 5)  # its background is the typical size of everything
 ENDS = {j: {"peak": 4.0, "lowest": -0.02, "highest": 0.02} for j in (1, 2)}
 
 
 @pytest.mark.parametrize("effect", SIZES)
 def test_every_effect_at_its_typical_size_stands_above_the_noise(effect: str, quiet: dict[str, np.ndarray]) -> None:
     joint = {"each": 2, "last": 2, "arm": 0}[SIZES[effect].joints]
-    p = {effect: parameters(replace(CASE, truth=(Present(effect, joint, 1.0),)), FLAT, ENDS)[effect, joint]}
+    p = {effect: parameters(replace(CASE, truth=(Present(effect, joint, 1.0),)), ENDS)[effect, joint]}
     if effect == "contact":
         p["contact"] |= {"angle": 0.0, "side": 1.0}
     found = log(FLAT, lively(), ({}, p if joint else {}), {} if joint else p)
@@ -264,11 +264,11 @@ def test_every_unknown_torque_stands_above_the_noise(kind: int, quiet: dict[str,
 
 
 def test_the_same_case_is_the_same_to_the_bit() -> None:
-    case = Case("x", "background", 0, (Present("backlash", 1, 1.0),), 0.04, 3)
-    (one, found, snr), (again, _, _) = (make(case, robots("s")[0], "log", 0.4, None) for _ in range(2))
+    case = ArmCase("x", "background", robots("s")[0], (Present("backlash", 1, 1.0),), 0.04, 3)
+    (one, found, snr), (again, _, _) = (make(case, "log", 0.4, None) for _ in range(2))
     assert all(np.array_equal(one[name], again[name]) for name in one) and snr > 1.0
     assert len(found) == 2 * 24 - 3 + 1 - 2  # each effect at both joints; payload at the last, tilt of the arm; no wall
-    held, _, _ = make(case, robots("s")[0], "hold_out", 0.4, found)
+    held, _, _ = make(case, "hold_out", 0.4, found)
     assert not np.array_equal(one["joint_position_reference_1"], held["joint_position_reference_1"])
 
 

@@ -32,7 +32,9 @@ JUDGE = Path(os.environ.get("HDAGEN_DATA", Path(__file__).parents[2] / "shared" 
 
 
 def label(*truth: str) -> dict[str, Any]:
-    return {"verdict": list(truth), "sizes": [1.0] * len(truth), "background": 0.0}
+    unknown = [one for one in truth if one.startswith("unknown")]
+    kinds = {0: "none", 1: "unknown" if unknown else "single", 2: "unknown+one" if unknown else "pair"}
+    return {"kind": kinds[len(truth)], "verdict": list(truth), "sizes": [1.0] * len(truth), "background": 0.0}
 
 
 def told(*truth: str) -> dict[str, Any]:
@@ -142,6 +144,44 @@ def test_none_unknown_and_pairs() -> None:
     assert rows[0].p_truth == 1.0 and rows[1].p_truth == pytest.approx(0.3)
     assert "effect" not in found
     assert confusion(rows) == {"none": {"none": 1, "payload": 1}, "unknown": {"unknown": 2}}
+
+
+def test_what_is_unknown_beside_named_effects_is_no_part_of_the_verdict() -> None:
+    said = diagnosis(["payload@2"], 0.9, "link") | {"verdict": ["payload@2", "unknown@1"]}
+    said["hypotheses"][0]["effects"] = said["verdict"]
+    single, none, unknown = row(["payload@2"], said), row([], said), row(["unknown@1"], said)
+    assert single.right and single.verdict == ("payload@2",) and single.remainder == ("unknown@1",)
+    assert single.p_truth == 0.9 and single.p_stated == 0.9 and single.brier == pytest.approx(2 * 0.1**2)
+    assert summary([none])["false_alarm"].value == 1.0
+    assert summary([unknown])["unknown_found_at_joint"].value == 0.0  # it has to be unknown alone
+    assert summary([single, row(["payload@2"], diagnosis(["payload@2"], 0.9))])["remainder"].value == 0.5
+    pair = row(["payload@2", "stiffness@1"], diagnosis(["stiffness@1", "payload@2", "unknown@2"], 0.9))
+    assert summary([pair])["pair_f1"].value == 1.0 and summary([pair])["pair_both"].value == 1.0
+    alone = row([], diagnosis(["unknown@1"], 0.9))
+    assert alone.verdict == ("unknown@1",) and not alone.remainder and summary([alone])["false_alarm"].value == 1.0
+
+
+@pytest.mark.parametrize(
+    "said, named, unknown",
+    [
+        (["payload@2", "unknown@1"], True, True),
+        (["payload@2", "unknown@2", "unknown@1"], True, True),
+        (["payload@2", "unknown@2"], True, False),
+        (["payload@2"], True, False),
+        (["unknown@1"], False, True),
+        (["payload@1", "unknown@1"], False, True),
+        (["payload@2", "backlash@1", "unknown@1"], False, True),
+        ([], False, False),
+    ],
+)
+def test_both_are_said_where_the_effect_is_named_and_unknown_stands_at_its_joint(
+    said: list[str], named: bool, unknown: bool
+) -> None:
+    found = summary([row(["payload@2", "unknown@1"], diagnosis(said, 0.95))])
+    assert found["effect_and_joint"].value == named and found["unknown_said_at_joint"].value == unknown
+    assert found["both_said"].value == (named and unknown)
+    assert found["sure_and_wrong"].value == (not named)  # it speaks of what is named
+    assert "pair_f1" not in found and "unknown_found" not in found
 
 
 def test_unknown_among_the_hypotheses_alone_has_their_probability() -> None:
@@ -278,7 +318,7 @@ WHICH = ("before", "after")
 
 
 def _robot() -> Any:
-    from hdagen.blind.cases import robots
+    from hdagen.blind.arms import robots
 
     return robots("any")[0]
 
@@ -374,16 +414,17 @@ def test_too_little_to_calibrate_on_is_refused(tmp_path: Path) -> None:
 
 def _many(kind: str) -> list[Row]:
     rng, effects = np.random.default_rng(8), list(SIZES)
-    truths = {"none": 0, "unknown": 1, "pair": 2}
+    truths = {"none": 0, "unknown": 1, "pair": 2, "unknown+one": 1}
     rows = []
     for k in range(24):
         truth = _truth(truths[kind], rng, effects) if kind in truths else [f"{effects[k]}@{k % 2 + 1}"]
+        truth = [f"{effects[k]}@1", *truth] if kind == "unknown+one" else truth
         said = _said(truth, rng, effects)
         rows.append(row(truth, said, **({} if said else {"failed": "exit code 3: <b>no</b>"})))
     return rows
 
 
-@pytest.mark.parametrize("kind", ["single", "none", "unknown", "pair", "task"])
+@pytest.mark.parametrize("kind", ["single", "none", "unknown", "unknown+one", "pair", "task"])
 def test_the_page_and_the_json_of_every_kind(kind: str, tmp_path: Path) -> None:
     found = report(Check(kind, 24, "s", 2, 10.0, tmp_path), seal.Seal("ab" * 32, 24), _many(kind))
     content = json.loads(written(found), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
@@ -408,7 +449,7 @@ def test_names_that_are_html_are_text(tmp_path: Path) -> None:
     check_escaped((tmp_path / "x.html").read_text(), 2)
 
 
-@pytest.mark.parametrize("kind", ["single", "none", "pair"])
+@pytest.mark.parametrize("kind", ["single", "none", "unknown+one", "pair"])
 def test_checks_of_one_kind_are_counted_together(kind: str, tmp_path: Path) -> None:
     rows = _many(kind)
 

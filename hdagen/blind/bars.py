@@ -33,6 +33,14 @@ BARS: Mapping[str, tuple[Bar, ...]] = {
     "background": (Bar("effect", 0.92), Bar("calibration_error", 0.05, most=True), *_EVERY),
     "none": (Bar("false_alarm", 0.01, most=True), *_EVERY[2:]),
     "unknown": (Bar("unknown_found_at_joint", 0.9), *_EVERY[2:]),
+    "unknown+one": (Bar("both_said", 0.8), *_EVERY[2:]),
     "pair": (Bar("pair_f1", 0.85), *_EVERY),
     "task": (Bar("effect", 0.8), Bar("confounded_where_wrong", 0.95), *_EVERY),
+    "joint": (
+        Bar("named", 0.9),
+        Bar("sizes_within", 0.9),
+        Bar("after_within", 0.9),
+        Bar("sure_and_wrong", 0.02, most=True),
+        *_EVERY[2:],
+    ),
 }

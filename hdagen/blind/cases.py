@@ -1,209 +1,45 @@
-"""What a seed stands for: robots, and cases with their true effects, drawn without simulating anything."""
+"""What a seed stands for: cases of each kind, of the family that has it, drawn without simulating anything."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-import numpy as np
-import tomlkit
-
-from hdagen.blind.sizes import SIZES, WHOLE, Size, unknown
-
-BACKGROUND = 0.04  # of every typical size
-LEAST, MOST = 0.5, 1.5  # of the typical size: what a named effect has
-TOLERANCE = 0.05  # relative standard deviation that the robot file states
-SCATTER, FURTHEST = 0.04, 2.5  # relative standard deviation of the true parameters, and how many of them at most
-SCATTERED = (
-    "mass",
-    "center_of_mass",
-    "inertia",
-    "motor_inertia",
-    "torque_constant",
-    "viscous_friction",
-    "coulomb_friction",
-    "flexspline_stiffness",
-    "flexspline_stiffening",
-    "wave_generator_stiffness",
-    "wave_generator_stiffening",
-    "torsional_damping",
-)  # lengths are measured and ratios counted
-DRIVE = {  # CSG-17-100, docs/errata.md; motor of 52.5 mN m/A
-    "ratio": 100.0,
-    "motor_inertia": 1.289e-4,
-    "torque_constant": 0.0525,
-    "max_current": 15.0,
-    "viscous_friction": 4e-5,
-    "coulomb_friction": 0.037,
-    "flexspline_stiffness": 9743.94,
-    "flexspline_stiffening": 0.08313,
-    "wave_generator_stiffness": 2.5517,
-    "wave_generator_stiffening": 27.027,
-    "torsional_damping": 6.0,
-}
-SENSOR = {
-    "motor_encoder_resolution": 2.0 * np.pi / 4096,
-    "joint_encoder_resolution": 2.0 * np.pi / 2**20,
-    "current_noise": 0.01,
-}
-LINK = ("length", "mass", "center_of_mass", "inertia")
-_UNSEEN_BY_TASK = ("contact", "current_saturation")  # they are sized by the motion's ends, where a circle only grazes
+from hdagen.blind import arms, joints
 
 
-@dataclass(frozen=True)
-class Robot:
-    """A two-joint arm as its file states it. ``joints``: keys of the tables link, drive and sensor together, SI."""
-
-    name: str
-    gravity: tuple[float, float]
-    joints: tuple[dict[str, float], dict[str, float]]
+class Robot(Protocol):
+    """A robot as its file states it."""
 
     def toml(self) -> str:
         """robot.toml."""
-        document = tomlkit.document()
-        document.update({"name": self.name, "gravity": list(self.gravity), "tolerance": TOLERANCE})
-        tables = tomlkit.aot()
-        for joint in self.joints:
-            table = tomlkit.table()
-            table.update({key: joint[key] for key in LINK})
-            table["drive"] = {key: joint[key] for key in DRIVE}
-            table["sensor"] = {key: float(joint[key]) for key in SENSOR}
-            tables.append(table)
-        document["joint"] = tables
-        return tomlkit.dumps(document)
+
+    def noise(self) -> Mapping[str, float]:
+        """Standard deviation of the noise of each channel that a gap is counted over."""
 
 
-@dataclass(frozen=True)
-class Present:
-    """An effect in reality: ``joint`` from 1, 0 for the whole arm; ``size`` in multiples of the typical one."""
+class Case(Protocol):
+    """A case before it is simulated."""
 
-    effect: str
-    joint: int
-    size: float
+    @property
+    def name(self) -> str:
+        """Of its folder; says nothing."""
 
-    def __str__(self) -> str:
-        return f"{self.effect}@{self.joint}"
+    @property
+    def kind(self) -> str:
+        """One of `hdagen.blind.KINDS`."""
 
-
-@dataclass(frozen=True)
-class Case:
-    """A case before it is simulated. ``name`` of its folder; ``robot`` counts in `robots`; ``truth``: what is to be
-    found; ``background``: size of every other effect; ``seed`` of all else."""
-
-    name: str
-    kind: str
-    robot: int
-    truth: tuple[Present, ...]
-    background: float
-    seed: int
+    @property
+    def robot(self) -> Robot:
+        """The robot whose file the diagnosis sees."""
 
     def label(self) -> dict[str, Any]:
         """What is sealed."""
-        return {
-            "verdict": [str(one) for one in self.truth],
-            "sizes": [one.size for one in self.truth],
-            "background": self.background,
-            "seed": self.seed,
-        }
 
-
-def stream(seed: str, *purpose: object) -> np.random.Generator:
-    """A generator that ``seed`` and ``purpose`` alone decide."""
-    return np.random.default_rng(int.from_bytes(_digest(seed, *purpose), "big"))
-
-
-def _digest(seed: str, *purpose: object) -> bytes:
-    return hashlib.sha256("\0".join([seed, *map(str, purpose)]).encode()).digest()
-
-
-def robots(seed: str) -> tuple[Robot, ...]:
-    """The robots of a run: two that lie flat and one that stands, of random size and meaningless name."""
-    return tuple(_robot(seed, at, gravity) for at, gravity in enumerate([(0.0, 0.0), (0.0, -9.81), (0.0, 0.0)]))
-
-
-def _robot(seed: str, at: int, gravity: tuple[float, float]) -> Robot:
-    rng = stream(seed, "robot", at)
-    links = []
-    for mass, inertia in ((1.6, 0.03), (0.9, 0.012)):
-        length = round(float(rng.uniform(0.14, 0.2)), 3)
-        links.append(
-            {
-                "length": length,
-                "mass": round(mass * float(rng.uniform(0.8, 1.25)), 3),
-                "center_of_mass": round(length * float(rng.uniform(0.45, 0.6)), 3),
-                "inertia": round(inertia * float(rng.uniform(0.75, 1.3)), 4),
-            }
-        )
-    first, second = ({**link, **DRIVE, **SENSOR} for link in links)
-    return Robot(f"arm-{_digest(seed, 'robot', at).hex()[:10]}", gravity, (first, second))
+    def true_set(self) -> dict[str, Any] | None:
+        """What a diagnosis.json would hold that knows what is true; None where none can."""
 
 
 def cases(seed: str, kind: str, count: int) -> tuple[Case, ...]:
     """The first ``count`` cases of a kind, in their own order; more of them begin with the same ones."""
-    return tuple(_case(seed, kind, index) for index in range(count))
-
-
-def _case(seed: str, kind: str, index: int) -> Case:
-    rng = stream(seed, kind, index)
-    if kind == "none":
-        truth: tuple[Present, ...] = ()
-    elif kind == "unknown":
-        truth = (Present("unknown", int(rng.integers(1, 3)), _size(rng)),)
-    elif kind == "pair":
-        first, second = rng.choice(list(SIZES), 2, replace=False)
-        truth = (_present(str(first), rng), _present(str(second), rng))
-    else:
-        names = [name for name in SIZES if kind != "task" or name not in _UNSEEN_BY_TASK]
-        block, place = divmod(index, len(names))  # every effect once a block, in an order of its own
-        truth = (_present(names[int(stream(seed, kind, "order", block).permutation(len(names))[place])], rng),)
-    background = BACKGROUND if kind == "background" or (kind == "none" and index % 2) else 0.0
-    seed_of_case = int(rng.integers(2**62))
-    name = _digest(seed, kind, index, "name").hex()[:16]
-    return Case(name, kind, int(rng.integers(3)), truth, background, seed_of_case)
-
-
-def _size(rng: np.random.Generator) -> float:
-    return float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST))))
-
-
-def _present(effect: str, rng: np.random.Generator) -> Present:
-    joint = {"each": int(rng.integers(1, 3)), "last": 2, "arm": 0}[SIZES[effect].joints]
-    return Present(effect, joint, _size(rng))
-
-
-def scattered(robot: Robot, seed: int) -> list[dict[str, float]]:
-    """The true base parameters of a case, a joint each."""
-    rng = stream(str(seed), "base")
-    true = []
-    for joint in robot.joints:
-        off = np.clip(rng.standard_normal(len(SCATTERED)), -FURTHEST, FURTHEST) * SCATTER
-        true.append({**joint, **{key: joint[key] * (1.0 + float(d)) for key, d in zip(SCATTERED, off, strict=True)}})
-    return true
-
-
-def parameters(
-    case: Case, nominal: Robot, ends: Mapping[int, Mapping[str, float]]
-) -> dict[tuple[str, int], dict[str, float]]:
-    """Parameters of every effect in reality, by effect and joint (from 1, 0: the arm).
-
-    ``ends`` by joint: what the motion reaches, ``peak`` current, ``lowest`` and ``highest`` angle, by which saturation
-    and walls are sized.
-    """
-    truth = {(one.effect, one.joint): one.size for one in case.truth}
-    found = {}
-    for effect, size in SIZES.items():
-        for joint in _joints(size):
-            much = truth.get((effect, joint), 0.0 if effect in WHOLE else case.background)
-            if much:
-                base = {**nominal.joints[max(joint, 1) - 1], **ends[max(joint, 1)]}
-                found[effect, joint] = size.draw(much * size.typical, stream(str(case.seed), effect, joint), base)
-    for one in case.truth:
-        if one.effect == "unknown":
-            found["unknown", one.joint] = unknown(one.size, stream(str(case.seed), "unknown", one.joint))
-    return found
-
-
-def _joints(size: Size) -> tuple[int, ...]:
-    return {"each": (1, 2), "last": (2,), "arm": (0,)}[size.joints]
+    return joints.cases(seed, count) if kind == joints.KIND else arms.cases(seed, kind, count)

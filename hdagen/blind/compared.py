@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdagen.blind.cases import DRIVE
+from hdagen.blind.arms import DRIVE
 from hdagen.blind.figures import Figure, median, rate
 from hdagen.blind.score import Row
 
@@ -75,6 +75,8 @@ COMPARED: tuple[Compared, ...] = (
     _same("torque_constant", "factor", "1", "factor", "torque_gain"),
     _added("coulomb_friction", "coulomb_friction", "torque"),
     _added("viscous_friction", "viscous_friction", "coefficient"),
+    _same("coulomb_friction", "level", "N m", "size", "coulomb_friction"),
+    _same("viscous_friction", "level", "N m s/rad", "size", "viscous_friction"),
     Compared(
         "joint_damping",
         "factor",
@@ -117,7 +119,7 @@ def compare(rows: Sequence[Row]) -> list[Line]:
                     continue
                 values = {name: float(entry["value"]) for name, entry in found.items()}
                 try:
-                    pair = (one.true(row.parameters[key]), one.found(values))
+                    pair = (one.true(row.true_parameters(key)), one.found(values))
                 except (KeyError, ZeroDivisionError):
                     continue  # the diagnosis states it otherwise, or not at all
                 pairs.append(pair)

@@ -17,7 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.blind.cases import Case, Robot, cases, parameters, robots, scattered
+from hdagen.blind import joint_reality
+from hdagen.blind.arms import ArmCase, TwoJointArm, parameters, scattered
+from hdagen.blind.cases import cases
+from hdagen.blind.joints import JointCase
 from hdagen.blind.motion import Motion, circle, rich
 from hdagen.blind.reality import MOST_CURRENT, World, simulate
 from hdagen.log import write
@@ -31,35 +34,36 @@ CHANNELS = {
 
 
 def make(
-    case: Case, robot: Robot, motion: str, seconds: float, found: Parameters | None
+    case: ArmCase, motion: str, seconds: float, found: Parameters | None
 ) -> tuple[dict[str, np.ndarray], Parameters, float]:
     """The log, the parameters of every effect in it, and the true effects' signal-to-noise ratio (0 for hold-outs)."""
-    path = _motion(case, robot, motion, seconds)
+    robot, path = case.robot, _motion(case, motion, seconds)
     seed = case.seed ^ (motion == "hold_out")
     if found is not None:
-        return simulate(_world(case, robot, found), robot.joints, path, seed), found, 0.0
+        return simulate(_world(case, found), robot.joints, path, seed), found, 0.0
     ends = _ends(path)
     without = None
     if case.truth:
         named = {(one.effect, one.joint) for one in case.truth}
-        quiet = {key: value for key, value in parameters(case, robot, ends).items() if key not in named}
-        without = simulate(_world(case, robot, quiet), robot.joints, path, seed)
+        quiet = {key: value for key, value in parameters(case, ends).items() if key not in named}
+        without = simulate(_world(case, quiet), robot.joints, path, seed)
         ends = {j: {**ends[j], "peak": float(np.abs(without[f"motor_current_command_{j}"]).max())} for j in ends}
-    found = parameters(case, robot, ends)
-    log = simulate(_world(case, robot, found), robot.joints, path, seed)
+    found = parameters(case, ends)
+    log = simulate(_world(case, found), robot.joints, path, seed)
     return log, found, _snr(log, without, robot) if without else 0.0
 
 
-def _motion(case: Case, robot: Robot, motion: str, seconds: float) -> Motion:
+def _motion(case: ArmCase, motion: str, seconds: float) -> Motion:
     seed = case.seed // 3 + (motion == "hold_out")
     if case.kind == "task":
-        return circle(seed, (robot.joints[0]["length"], robot.joints[1]["length"]), seconds)
+        first, second = case.robot.joints
+        return circle(seed, (first["length"], second["length"]), seconds)
     return rich(seed, seconds)
 
 
-def _world(case: Case, robot: Robot, found: Parameters) -> World:
+def _world(case: ArmCase, found: Parameters) -> World:
     of_joints = [{effect: p for (effect, joint), p in found.items() if joint == j} for j in (0, 1, 2)]
-    return World(scattered(robot, case.seed), of_joints[1:], of_joints[0], robot.gravity)
+    return World(scattered(case.robot, case.seed), of_joints[1:], of_joints[0], case.robot.gravity)
 
 
 def _ends(path: Motion) -> dict[int, dict[str, float]]:
@@ -71,7 +75,7 @@ def _ends(path: Motion) -> dict[int, dict[str, float]]:
     }
 
 
-def _snr(log: Mapping[str, np.ndarray], without: Mapping[str, np.ndarray], robot: Robot) -> float:
+def _snr(log: Mapping[str, np.ndarray], without: Mapping[str, np.ndarray], robot: TwoJointArm) -> float:
     """Root mean square of what the effects change, in multiples of the channel's noise; the best channel's."""
     found = []
     for channel, key in CHANNELS.items():
@@ -96,11 +100,16 @@ def main() -> None:
     """Answer one request."""
     request: dict[str, Any] = json.load(sys.stdin)
     case = cases(request["seed"], request["kind"], request["index"] + 1)[-1]
-    robot = robots(request["seed"])[case.robot]
-    known = unpacked(request["truth"]) if request.get("truth") is not None else None
-    log, found, snr = make(case, robot, request["motion"], request["seconds"], known)
+    if isinstance(case, JointCase):
+        log = joint_reality.make(case, request["motion"], request["seconds"])
+        told = {"snr": case.snr(), "parameters": case.parameters()}
+    else:
+        assert isinstance(case, ArmCase)
+        known = unpacked(request["truth"]) if request.get("truth") is not None else None
+        log, found, snr = make(case, request["motion"], request["seconds"], known)
+        told = {"snr": snr, "parameters": packed(found)}
     write(log, request["out"])
-    json.dump({"snr": snr, "parameters": packed(found)}, sys.stdout)
+    json.dump(told, sys.stdout)
 
 
 if __name__ == "__main__":

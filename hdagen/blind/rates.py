@@ -57,8 +57,8 @@ def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         rows = [row for part in parts_of for row in part.get("rows", [])]
         gone = [_figures(part["without_rows"] if "rows" in part else part["summary"]) for part in parts_of]
         before = _together([one for one in gone if one])
-        figures = _together([one for one in (before, summary([_row(row) for row in rows])) if one])
-        if lasted := _lasted(parts_of[-1]):
+        figures = _together([one for one in (before, summary([_row(row, kind) for row in rows])) if one])
+        if lasted := _lasted(parts_of[-1], kind):
             figures["seconds"] = lasted
         found[kind] = {
             "cases": sum(part["cases"] for part in parts_of),
@@ -81,11 +81,11 @@ def _figures(stated: Mapping[str, Any]) -> dict[str, Figure]:
     return {name: one for name, one in found.items() if one is not None}
 
 
-def _lasted(part: Mapping[str, Any]) -> Figure | None:
+def _lasted(part: Mapping[str, Any], kind: str) -> Figure | None:
     """How long a diagnosis took in the last check of a part."""
     if "summary" in part:
         return _figure(part["summary"].get("seconds"))
-    return summary([_row(row) for row in part["rows"]]).get("seconds")
+    return summary([_row(row, kind) for row in part["rows"]]).get("seconds")
 
 
 def _together(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
@@ -104,10 +104,10 @@ def _together(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
     return found
 
 
-def _row(stated: Mapping[str, Any]) -> Row:
-    """A row as blind.json has it, which knows no NaN and no tuple."""
-    values: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in stated.items()}
-    return Row(**(values | {key: math.nan for key in NUMBERS if values[key] is None}))
+def _row(stated: Mapping[str, Any], kind: str) -> Row:
+    """A row of a ``kind`` as blind.json has it, which knows no NaN and no tuple."""
+    values: dict[str, Any] = {"kind": kind} | {key: tuple(v) if isinstance(v, list) else v for key, v in stated.items()}
+    return Row(**(values | {key: math.nan for key in NUMBERS if values.get(key) is None}))
 
 
 def table(checks: Mapping[str, Any]) -> str:

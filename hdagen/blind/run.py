@@ -20,7 +20,7 @@ import numpy as np
 
 from hdagen import __version__
 from hdagen.blind import seal
-from hdagen.blind.cases import Case, Robot, cases, robots
+from hdagen.blind.cases import Case, Robot, cases
 from hdagen.blind.child import ChildError, ask, run
 from hdagen.blind.score import Row, judged
 from hdagen.input_file import InputFileError, read_json
@@ -30,6 +30,7 @@ from hdagen.whole import is_part, write_whole
 HDAGEN = (sys.executable, "-P", "-m", "hdagen")
 MOST_SECONDS = 600.0  # of a diagnosis
 _LARGEST = 10_000_000  # bytes of a JSON file
+_TRUE = "true.json"  # what is true, beside a case whose diagnosis has ended
 _SMALLEST = 1e-3  # multiple of noise below which an error counts as this, as in docs/replay.md
 
 
@@ -101,10 +102,10 @@ def _claim(asked: Check, closed: seal.Seal) -> None:
 
 def _all(asked: Check, drawn: tuple[Case, ...], said: Callable[[str], None]) -> Iterator[tuple[str, dict[str, Any]]]:
     """(name, what is true) of every case, as they end; at most ``jobs`` at once."""
-    arms, stop, start = robots(asked.seed), threading.Event(), time.monotonic()
+    stop, start = threading.Event(), time.monotonic()
     pool = ThreadPoolExecutor(asked.jobs)
     waiting: dict[Future[dict[str, Any]], str] = {
-        pool.submit(_one, asked, index, case, arms[case.robot], stop): case.name for index, case in enumerate(drawn)
+        pool.submit(_one, asked, index, case, stop): case.name for index, case in enumerate(drawn)
     }
     try:
         while waiting:
@@ -125,23 +126,24 @@ def _clock(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
-def _one(asked: Check, index: int, case: Case, robot: Robot, stop: threading.Event) -> dict[str, Any]:
+def _one(asked: Check, index: int, case: Case, stop: threading.Event) -> dict[str, Any]:
     """Make a case, have it diagnosed, measure the gap; returns what is true of it, which no file holds."""
     folder, builds = asked.out / "cases" / case.name, asked.out / "builds"
     if "HDAGEN_BUILD" in os.environ:
         builds = Path(os.environ["HDAGEN_BUILD"])
     folder.mkdir(parents=True, exist_ok=True)
     request = {"seed": asked.seed, "kind": case.kind, "index": index, "seconds": asked.seconds}
-    log, held = folder / "log.parquet", folder / "hold_out.parquet"
+    log, held, true = folder / "log.parquet", folder / "hold_out.parquet", folder / _TRUE
+    true.unlink(missing_ok=True)  # what a kill left
     truth = ask({**request, "motion": "log", "out": str(log.absolute())}, builds, stop)
     if not (folder / "result.json").exists():
-        write_whole(folder / "robot.toml", robot.toml().encode())
+        write_whole(folder / "robot.toml", case.robot.toml().encode())
         result: dict[str, Any]
         try:
             result = _diagnosed(asked, folder, builds, stop)
             known = {"motion": "hold_out", "out": str(held.absolute()), "truth": truth["parameters"]}
             ask({**request, **known}, builds, stop)
-            result |= _gaps(asked, folder, robot, builds, stop)
+            result |= _gaps(asked, folder, case, builds, stop)
         except ChildError as error:
             if stop.is_set():
                 raise
@@ -162,33 +164,37 @@ def _diagnosed(asked: Check, folder: Path, builds: Path, stop: threading.Event) 
     return {"seconds": ended.seconds, "code": ended.code}
 
 
-def _gaps(asked: Check, folder: Path, robot: Robot, builds: Path, stop: threading.Event) -> dict[str, Any]:
-    """The replay's gap on the hold-out, before and after the diagnosis."""
+def _gaps(asked: Check, folder: Path, case: Case, builds: Path, stop: threading.Event) -> dict[str, Any]:
+    """The replay's gap on the hold-out, before and after the diagnosis, and with what is true where it can be said."""
     found: dict[str, Any] = {}
-    for name, more in (("before", []), ("after", ["--with", "out/diagnosis.json"])):
-        command = [*asked.program, "replay", "robot.toml", "hold_out.parquet", *more, "--out", f"{name}.parquet"]
-        ended = run(command, folder, builds, stop, MOST_SECONDS)
-        if ended.code:
-            raise ChildError(f"replay {' '.join(more)} ended with exit code {ended.code}: {ended.words}")
-        try:
-            value = gap(folder / f"{name}.parquet", folder / "hold_out.parquet", robot)
-        except (LogError, KeyError) as error:
-            raise ChildError(f"what replay wrote cannot be read: {error}") from None
-        found[name] = value if math.isfinite(value) else None
+    diagnoses = {"before": "", "after": "out/diagnosis.json"}
+    if (true := case.true_set()) is not None:
+        write_whole(folder / _TRUE, json.dumps(true).encode())
+        diagnoses["after_true"] = _TRUE
+    try:
+        for name, diagnosis in diagnoses.items():
+            more = ["--with", diagnosis] if diagnosis else []
+            command = [*asked.program, "replay", "robot.toml", "hold_out.parquet", *more, "--out", f"{name}.parquet"]
+            ended = run(command, folder, builds, stop, MOST_SECONDS)
+            if ended.code:
+                raise ChildError(f"replay {' '.join(more)} ended with exit code {ended.code}: {ended.words}")
+            try:
+                value = gap(folder / f"{name}.parquet", folder / "hold_out.parquet", case.robot)
+            except (LogError, KeyError) as error:
+                raise ChildError(f"what replay wrote cannot be read: {error}") from None
+            found[name] = value if math.isfinite(value) else None
+    finally:
+        (folder / _TRUE).unlink(missing_ok=True)
     return found
 
 
 def gap(predicted: Path, measured: Path, robot: Robot) -> float:
     """Root mean square error of each channel in multiples of its noise, joined as a geometric mean."""
     a, b = read(predicted), read(measured)
-    rows, errors = min(len(a), len(b)), []
-    for j, joint in enumerate(robot.joints, 1):
-        noise = {
-            f"motor_current_{j}": joint["current_noise"],
-            f"motor_position_{j}": joint["motor_encoder_resolution"] / math.sqrt(12.0),
-            f"joint_position_{j}": joint["joint_encoder_resolution"] / math.sqrt(12.0),
-        }
-        errors += [float(np.sqrt(np.mean((a[name][:rows] - b[name][:rows]) ** 2))) / sd for name, sd in noise.items()]
+    rows = min(len(a), len(b))
+    errors = [
+        float(np.sqrt(np.mean((a[name][:rows] - b[name][:rows]) ** 2))) / sd for name, sd in robot.noise().items()
+    ]
     return float(np.exp(np.mean(np.log(np.maximum(errors, _SMALLEST)))))
 
 

@@ -14,25 +14,34 @@ from hdagen.blind.sizes import SIZES
 
 SAME = {"asymmetric_friction": "current_bias"}  # equal but near standstill (contract): either name counts
 BINS = 10
+GAPS = ("before", "after", "after_true")
 _VISIBLE_GAP, _WORSE = 1.5, 1.02  # a gap that can be closed; a gap that has grown
+SIZE_WITHIN = 0.15  # of the true size, that a found one may be off
+AFTER_WITHIN = 1.3  # times the gap that is left with what is true
+_ONE = ("single", "background", "task", "unknown+one")  # kinds with one effect that has a name
 _CLOSABLE = 0.5  # multiples of the noise, that a flexible correction closes at least where it is a measure
 
 
 @dataclass(frozen=True)
 class Row:
-    """One case. ``truth``, ``verdict``, ``ranked`` and ``confounded`` hold name@joint with names that count as the
-    same made one; ``p_truth`` the probability of the truth, ``p_top`` of the first cause, ``p_stated`` of the leading
-    hypothesis before it was calibrated; ``brier`` over the hypotheses; ``found``: parameters of the verdict's causes;
-    ``before``, ``after``: gap on the hold-out; ``achieved``: share of what a flexible correction closes, as the
-    diagnosis says; ``failed``: why there is no diagnosis, else empty."""
+    """One case of a ``kind``. ``truth``, ``optional`` (neither asked for nor wrong), ``verdict``, ``remainder``,
+    ``ranked`` and ``confounded`` hold name@joint with names that count as the same made one; ``remainder``: what the
+    diagnosis calls unknown beside what it names, which is no part of ``verdict``; ``p_truth`` the probability of the
+    truth, ``p_top`` of the first cause, ``p_stated`` of the leading hypothesis before it was calibrated; ``brier`` over
+    the hypotheses; ``found``: parameters of the verdict's causes; ``before``, ``after``: gap on the hold-out,
+    ``after_true`` with what is true; ``achieved``: share of what a flexible correction closes, as the diagnosis says;
+    ``failed``: why there is no diagnosis, else empty."""
 
     name: str
+    kind: str
     truth: tuple[str, ...]
     sizes: tuple[float, ...]
     background: float
     snr: float
     parameters: Mapping[str, Mapping[str, float]]
+    optional: tuple[str, ...] = ()
     verdict: tuple[str, ...] = ()
+    remainder: tuple[str, ...] = ()
     sure: bool = False
     p_truth: float = 0.0
     p_top: float = 0.0
@@ -45,8 +54,14 @@ class Row:
     seconds: float = math.nan
     before: float = math.nan
     after: float = math.nan
+    after_true: float = math.nan
     achieved: float = math.nan
     failed: str = ""
+
+    @property
+    def to_name(self) -> tuple[str, ...]:
+        """The truth without what is unknown beside it."""
+        return parted(self.truth)[0]
 
     @property
     def effect(self) -> str:
@@ -72,13 +87,44 @@ class Row:
     @property
     def right(self) -> bool:
         """All true effects at their joints are named, in whatever order, and nothing else; a tilt has no joint."""
-        tilted = len(self.truth) == 1 and self.effect_right and self.effect == "gravity_tilt"
-        return sorted(self.verdict) == sorted(self.truth) or tilted
+        tilted = len(self.to_name) == 1 and self.effect_right and self.effect == "gravity_tilt"
+        return sorted(set(self.verdict) - set(self.optional)) == sorted(self.to_name) or tilted
+
+    @property
+    def unknown_right(self) -> bool:
+        """What is unknown is said, alone or beside what is named, at its joint."""
+        return set(self.truth) - set(self.to_name) <= {*self.verdict, *self.remainder}
+
+    @property
+    def sizes_right(self) -> bool:
+        """The sizes of all true frictions are found within `SIZE_WITHIN`."""
+        for key in self.to_name:
+            true = self.true_parameters(key)["size"]
+            found = (self.found or {}).get(key, {}).get(key.partition("@")[0], {}).get("value", math.nan)
+            if not abs(float(found) - true) <= SIZE_WITHIN * abs(true):
+                return False
+        return True
+
+    def true_parameters(self, key: str) -> Mapping[str, float]:
+        """Parameters of a true effect; of a real joint's friction the ``size``, too, that comes closest to it: beside
+        the other term where the verdict names that, else beside the robot file's."""
+        own = self.parameters[key]
+        if self.kind != "joint":
+            return own
+        beside = any(one != key and one.endswith(key[key.index("@") :]) for one in self.verdict)
+        return {**own, "size": own["level" if beside else "alone"]}
 
     @property
     def place_right(self) -> bool:
         """Where the gap is said to lie first."""
         return self.effect in SIZES and self.place == SIZES[self.effect].place
+
+
+def parted(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What is named, and what is called unknown beside it; unknown alone is what is named."""
+    unknown = tuple(one for one in names if one.startswith("unknown@"))
+    named = tuple(one for one in names if one not in unknown)
+    return (named, unknown) if named else (unknown, ())
 
 
 def alike(name: str) -> str:
@@ -97,31 +143,34 @@ def judged(
     """The row of a case. ``label``: what was sealed; ``told``: `hdagen.blind.make`'s answer; ``result``: seconds and
     gaps, or ``failed``; ``said``: diagnosis.json."""
     truth = tuple(alike(one) for one in label["verdict"])
+    optional = tuple(label.get("optional", ()))
     known: dict[str, Any] = {
         "name": name,
+        "kind": label["kind"],
         "truth": truth,
+        "optional": optional,
         "sizes": tuple(label["sizes"]),
         "background": label["background"],
         "snr": told["snr"],
-        "parameters": {alike(one): told["parameters"][one] for one in label["verdict"]},
+        "parameters": {alike(one): told["parameters"][one] for one in (*label["verdict"], *optional)},
         "seconds": result.get("seconds", math.nan),
     }
     if said is None or result.get("failed"):
         return Row(**known, failed=result.get("failed") or "there is no diagnosis.json")
     try:
-        read = _read(truth, said)
+        read = _read(parted(truth)[0], optional, said)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         return Row(**known, failed=f"diagnosis.json is not as docs/diagnosis.md says: {type(error).__name__} {error}")
-    gaps = {key: math.nan if result.get(key) is None else result[key] for key in ("before", "after")}
+    gaps = {key: math.nan if result.get(key) is None else result[key] for key in GAPS}
     return Row(**known | read | gaps)
 
 
-def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
+def _read(truth: tuple[str, ...], optional: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
     """What diagnosis.json holds, in a row's terms."""
     marginal: dict[str, float] = {}
     found: dict[str, dict[str, Any]] = {}
     confounded: list[str] = []
-    verdict = tuple(alike(one) for one in said["verdict"])
+    verdict, remainder = parted([alike(one) for one in said["verdict"]])
     for cause in said["causes"]:
         key = alike(f"{cause['effect']}@{cause['joint']}")
         marginal[key] = min(1.0, marginal.get(key, 0.0) + _probability(cause["probability"]))
@@ -132,7 +181,7 @@ def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
         confounded += [alike(one) for one in said.get("unseen", [])]
     hypotheses: dict[frozenset[str], float] = {}
     for one in said["hypotheses"]:
-        effects = frozenset(alike(effect) for effect in one["effects"])
+        effects = _asked_for([alike(effect) for effect in one["effects"]], optional)
         hypotheses[effects] = hypotheses.get(effects, 0.0) + _probability(one["probability"])
         for effect in effects:  # "unknown" stands among the hypotheses only
             if effect.startswith("unknown@") and effect not in {f"{c['effect']}@{c['joint']}" for c in said["causes"]}:
@@ -143,10 +192,13 @@ def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
     places = [where["place"] for where in said["where"]]
     return {
         "verdict": verdict,
+        "remainder": remainder,
         "sure": bool(said["sure"]),
         "p_truth": p_truth,
         "p_top": max(marginal.values(), default=0.0),
-        "p_stated": _probability(said.get("method", {}).get("uncalibrated", hypotheses.get(frozenset(verdict), 0.0))),
+        "p_stated": _probability(
+            said.get("method", {}).get("uncalibrated", hypotheses.get(_asked_for(verdict, optional), 0.0))
+        ),
         "brier": float(brier),
         "ranked": tuple(sorted(marginal, key=lambda key: -marginal[key])[:3]),
         "confounded": tuple(dict.fromkeys(confounded)),
@@ -154,6 +206,11 @@ def _read(truth: tuple[str, ...], said: Mapping[str, Any]) -> dict[str, Any]:
         "found": found,
         "achieved": _achieved(said["gap"]),
     }
+
+
+def _asked_for(names: Sequence[str], optional: Sequence[str]) -> frozenset[str]:
+    """What is named, without what may be named or not."""
+    return frozenset(parted(names)[0]) - frozenset(optional)
 
 
 def _achieved(gap: Mapping[str, Any]) -> float:
@@ -182,14 +239,15 @@ def closed(row: Row) -> float:
 
 def single(rows: Sequence[Row]) -> list[Row]:
     """Those with one effect that has a name."""
-    return [row for row in rows if len(row.truth) == 1 and row.effect != "unknown"]
+    return [row for row in rows if row.kind in _ONE]
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Figure]:
     """Every figure by name. A case that failed counts as wrong; it has no gap, and raises no false alarm."""
-    one, pairs = single(rows), [row for row in rows if len(row.truth) == 2]
-    none = [row for row in rows if not row.truth and not row.failed]
-    unknown = [row for row in rows if len(row.truth) == 1 and row.effect == "unknown"]
+    one, pairs, none, unknown, both, joints = (
+        single(rows),
+        *([row for row in rows if row.kind == kind] for kind in ("pair", "none", "unknown", "unknown+one", "joint")),
+    )
     wrong = [row for row in one if not row.right]
     gaps = [row for row in rows if math.isfinite(row.before) and math.isfinite(row.after)]
     found = {
@@ -197,17 +255,25 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
         "effect": rate([row.effect_right for row in one]),
         "effect_and_joint": rate([row.right for row in one]),
         "joint": rate([row.joint_right for row in one]),
-        "place": rate([row.place_right for row in one]),
+        "place": rate([row.place_right for row in one if row.kind != "unknown+one"]),
         "top3": rate([row.truth[0] in row.ranked for row in one]),
-        "p_truth": mean([row.p_truth for row in rows if row.truth != () and row.effect != "unknown"]),
+        "p_truth": mean([row.p_truth for row in rows if row.kind not in ("none", "unknown")]),
         "brier": mean([row.brier for row in rows]),
         "calibration_error": calibration_error(one),
-        "sure": rate([row.sure for row in one]),
-        "sure_and_wrong": rate([row.sure and not row.right for row in one]),
+        "sure": rate([row.sure for row in [*one, *joints]]),
+        "sure_and_wrong": rate([row.sure and not row.right for row in [*one, *joints]]),
         "confounded_where_wrong": rate([row.truth[0] in row.confounded for row in wrong]),
-        "false_alarm": rate([bool(row.verdict) for row in none]),
+        "false_alarm": rate([bool(row.verdict) for row in none if not row.failed]),
         "unknown_found": rate([row.named == ("unknown",) for row in unknown]),
         "unknown_found_at_joint": rate([row.verdict == row.truth for row in unknown]),
+        "both_said": rate([row.right and row.unknown_right for row in both]),
+        "unknown_said_at_joint": rate([row.unknown_right for row in both]),
+        "named": rate([row.right for row in joints]),
+        "sizes_within": rate([row.sizes_right for row in joints if row.right]),
+        "after_within": rate(
+            [row.after <= AFTER_WITHIN * row.after_true for row in gaps if math.isfinite(row.after_true)]
+        ),
+        "remainder": rate([bool(row.remainder) for row in rows if not row.failed]),
         "pair_f1": mean([_f1(row) for row in pairs]),
         "pair_both": rate([set(row.verdict) == set(row.truth) for row in pairs]),
         "closed": median([closed(row) for row in gaps if row.before > _VISIBLE_GAP and row.truth]),
@@ -251,7 +317,7 @@ def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     """Cases by true effect and by the verdict's name: "none", "failed", or "several" where more than one is named."""
     found: dict[str, dict[str, int]] = {}
     for row in rows:
-        if len(row.truth) > 1:
+        if row.kind in ("pair", "joint"):
             continue
         true = row.effect if row.truth else "none"
         said = "failed" if row.failed else (row.named or ("none",))[0] if len(row.verdict) < 2 else "several"

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdagen.blind.draw import log_uniform
+
 Parameters = dict[str, float]
 Draw = Callable[[float, np.random.Generator, Mapping[str, float]], Parameters]
 
@@ -36,10 +38,6 @@ def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(math.exp(rng.uniform(math.log(low), math.log(high))))
-
-
 def _coulomb(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     return {"torque": amount * _sign(rng) * base["coulomb_friction"]}
 
@@ -50,7 +48,7 @@ def _viscous(amount: float, rng: np.random.Generator, base: Mapping[str, float])
 
 def _stribeck(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     torque = amount * base["coulomb_friction"]
-    return {"torque": torque, "speed": _log_uniform(rng, 5.0, 25.0), "exponent": float(rng.uniform(0.7, 1.6))}
+    return {"torque": torque, "speed": log_uniform(rng, 5.0, 25.0), "exponent": float(rng.uniform(0.7, 1.6))}
 
 
 def _asymmetric(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
@@ -62,12 +60,12 @@ def _load_dependent(amount: float, rng: np.random.Generator, base: Mapping[str, 
 
 
 def _presliding(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"share": min(amount, 1.0), "angle": _log_uniform(rng, 0.05, 0.3), "damping": 0.02}
+    return {"share": min(amount, 1.0), "angle": log_uniform(rng, 0.05, 0.3), "damping": 0.02}
 
 
 def _thermal(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     """``drop`` at the temperature that 3 W would settle at; ``time`` constant, s, of the lubricant's heat balance."""
-    return {"drop": amount, "time": _log_uniform(rng, 2.0, 8.0), "power": 3.0}
+    return {"drop": amount, "time": log_uniform(rng, 2.0, 8.0), "power": 3.0}
 
 
 def _ripple(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
@@ -106,7 +104,7 @@ def _delay(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -
 
 
 def _hysteresis(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    return {"torque": amount, "angle": _log_uniform(rng, 1e-4, 3e-4)}
+    return {"torque": amount, "angle": log_uniform(rng, 1e-4, 3e-4)}
 
 
 def _kinematic(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
@@ -160,7 +158,7 @@ def _contact(amount: float, rng: np.random.Generator, base: Mapping[str, float])
     return {
         "angle": angle,
         "side": side,
-        "stiffness": amount * _log_uniform(rng, 4e4, 1.6e5),
+        "stiffness": amount * log_uniform(rng, 4e4, 1.6e5),
         "damping": float(rng.uniform(0.2, 0.6)),
     }
 
@@ -268,7 +266,7 @@ def unknown(size: float, rng: np.random.Generator) -> Parameters:
     return {
         "kind": float(rng.integers(len(UNKNOWN_KINDS))),
         "torque": torque,
-        "frequency": _log_uniform(rng, 1.5, 7.0),
+        "frequency": log_uniform(rng, 1.5, 7.0),
         "order": float(rng.integers(12, 31)),
         "phase": float(rng.uniform(-math.pi, math.pi)),
         "play": float(rng.uniform(0.1, 0.25)),

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from hdagen.blind.cases import Case, Robot, cases, robots
+from hdagen.blind.cases import Case, cases
 from hdagen.blind.child import ask
 from hdagen.whole import write_whole
 
@@ -18,12 +18,12 @@ def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float
     folder."""
     folder = out / kind
     folder.mkdir(parents=True, exist_ok=True)
-    drawn, arms, stop = cases(seed, kind, count), robots(seed), threading.Event()
+    drawn, stop = cases(seed, kind, count), threading.Event()
     labels: dict[str, dict[str, object]] = {}
 
     def one(index: int) -> tuple[str, dict[str, object]]:
         name = f"case-{index:03d}"
-        return name, _case(folder / name, seed, index, drawn[index], arms[drawn[index].robot], seconds, stop)
+        return name, _case(folder / name, seed, index, drawn[index], seconds, stop)
 
     pool = ThreadPoolExecutor(jobs)
     try:
@@ -37,11 +37,9 @@ def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float
     return folder
 
 
-def _case(
-    folder: Path, seed: str, index: int, case: Case, robot: Robot, seconds: float, stop: threading.Event
-) -> dict[str, object]:
+def _case(folder: Path, seed: str, index: int, case: Case, seconds: float, stop: threading.Event) -> dict[str, object]:
     folder.mkdir(exist_ok=True)
-    write_whole(folder / "robot.toml", robot.toml().encode())
+    write_whole(folder / "robot.toml", case.robot.toml().encode())
     request = {"seed": seed, "kind": case.kind, "index": index, "seconds": seconds}
     told = ask({**request, "motion": "log", "out": str(folder / "log.parquet")}, folder, stop)
     ask(
@@ -49,11 +47,6 @@ def _case(
         folder,
         stop,
     )
-    names = [str(one) for one in case.truth]
-    return {
-        "verdict": names,
-        "snr": round(told["snr"], 1),
-        "sizes": [round(one.size, 3) for one in case.truth],
-        "background": case.background,
-        "parameters": {name: told["parameters"][name] for name in names},
-    }
+    label = case.label()
+    names = (*label["verdict"], *label.get("optional", []))
+    return {**label, "snr": told["snr"], "parameters": {name: told["parameters"][name] for name in names}}
