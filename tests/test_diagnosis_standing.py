@@ -12,9 +12,9 @@ import pytest
 from hdagen import verdict
 from hdagen.diagnosis import standing
 from hdagen.diagnosis.decide import Decision, Hypothesis
+from hdagen.diagnosis.gap import ABOVE
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.standing import (
-    ABOVE,
     MOST,
     _closes,
     borne_out,

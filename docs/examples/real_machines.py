@@ -169,6 +169,13 @@ CASES = (
         _simple_pendulum("direct_collocation"),
         answer=(("coulomb_friction@1",),),
     ),
+    Case(
+        "dfki_simple_1kg",
+        "DFKI simple pendulum with 1 kg",
+        "dfki_simple/robot.toml",
+        _simple_pendulum("energy_shaping_1kg"),
+        answer=(("payload@1",),),
+    ),
 )
 
 

@@ -15,6 +15,7 @@ from hdagen.replay import Replay, joined
 DRAWS = 500
 BLOCK = 4  # windows of a block: what is one second of motion, so that neighbours that err alike stay together
 LEVEL = 0.95
+ABOVE = 10.0  # multiples of the noise, from which on what is left counts
 
 
 def gap(before: Replay, after: Replay, held: Portion, flexible: Replay | None = None) -> dict[str, Any]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from hdagen.diagnosis.gap import ABOVE
 from hdagen.diagnosis.maps import COLORS
 from hdagen.diagnosis.remainder import SHARE
 from hdagen.diagnosis.sentences import words
-from hdagen.diagnosis.standing import ABOVE
 from hdagen.pages.bars import Bars, bars
 from hdagen.pages.page import Section
 from hdagen.pages.table import table

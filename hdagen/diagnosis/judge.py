@@ -64,7 +64,8 @@ class Judge:
         checked, doubt = doubted(stated.decision, stated.content["verdict"], self.motion, stated.after)
         if doubt:
             checked = self._with_direct(checked).decision
-        checked, small = drop_small_effects(checked, lambda one: self.state(one).content["gap"])
+        direct = [one.name for one in self.direct]
+        checked, small = drop_small_effects(checked, lambda one: self.state(one).content["gap"], direct)
         return checked, {"doubted": doubt, "alone": [one.content for one in self.direct], "small": small}
 
     def _with_direct(self, decision: Decision) -> Statement:

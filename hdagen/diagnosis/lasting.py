@@ -33,6 +33,7 @@ from hdagen.diagnosis.candidates import SLAB, Dictionary
 from hdagen.diagnosis.decide import Decision, Hypothesis
 from hdagen.diagnosis.design import Point
 from hdagen.diagnosis.fitting import begun
+from hdagen.diagnosis.gap import ABOVE
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.search import Search
@@ -118,7 +119,7 @@ class Lasting:
         self.worth = TENTH * len(record.looked)
         self.encoder = np.array([not quantity for _, quantity in channels])
         # the noise of what is read of inputs is all that no loop explains, which counts as it is
-        noise = record.noise * np.where(self.encoder[self.channel], standing.ABOVE, 1.0)
+        noise = record.noise * np.where(self.encoder[self.channel], ABOVE, 1.0)
         self.usual = np.ones(len(kinds))
         self.usual = np.maximum(np.sqrt((self._errors([self.p])[0] ** 2).mean(0)), noise)
         self.floor = self._joined((noise / self.usual)[None] ** 2)[0]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hdagen.diagnosis.standing import ABOVE
+from hdagen.diagnosis.gap import ABOVE
 
 SHARE = 1 / 3  # of what a joint errs by, from which on what remains is said in the verdict
 CLOSABLE = 0.2  # of a gap, below which the best of all that was fitted closes nothing worth speaking of

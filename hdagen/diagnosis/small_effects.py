@@ -1,34 +1,46 @@
-"""Effects of a verdict that close next to nothing of the gap, and are not named for it.
+"""Effects of a verdict that close little beside what no effect explains, and are not named for it.
 
 Every machine has a little of everything, and a long log tells it, however little: a base that leans by a degree beside
 a friction that makes all of the gap. Who mends the model needs the friction. So an effect without which held-out motion
-is told about as well, the others being fitted without it, is listed as small.
+is told about as well, the others being fitted without it, is listed as small. Down at the noise that is a few percent.
+Where many times the noise remains, nobody knows by what: there an effect is small whose own part of the error, in every
+channel, is smaller than what remains with it,
+
+    e_without² − e_with² < e_with².
+
+What the log shows by itself, before any model is fitted, is never small.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
 from hdagen.diagnosis.decide import Decision, Hypothesis
+from hdagen.diagnosis.gap import ABOVE
 
 LITTLE = 1.05  # times the gap with an effect, that may be left without it
 OF_A_CHANNEL = 1.1  # times what any channel errs by: what acts on one of many shows little in their mean
+REMAINS = 2.0**0.5  # times either, where that is as many times the noise as counts
 
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json
 
 
-def drop_small_effects(decision: Decision, measure: Callable[[Decision], Gap]) -> tuple[Decision, list[dict[str, Any]]]:
-    """A decision without the effects that close next to nothing of the gap beside the others.
+def drop_small_effects(
+    decision: Decision, measure: Callable[[Decision], Gap], kept: Collection[str] = ()
+) -> tuple[Decision, list[dict[str, Any]]]:
+    """A decision without the effects that close little beside the others.
 
     Args:
         decision: what would be said.
         measure: `gap` of diagnosis.json on held-out motion, of a decision.
+        kept: effects, name@joint, that are never small.
 
     Returns:
         The decision with the others alone, in their own fit and with the probability of both sets; and for each effect
-        that was dropped ``effect``, ``joint``, and the gap ``with`` it and ``without``.
+        that was dropped ``effect``, ``joint``, and the gap ``with`` it and ``without``. Of several the one is dropped
+        first without which the fit tells the log best.
 
     """
     small: list[dict[str, Any]] = []
@@ -36,12 +48,13 @@ def drop_small_effects(decision: Decision, measure: Callable[[Decision], Gap]) -
         told = measure(decision)
         if told["after"] >= told["before"]:  # nothing of it stands
             break
-        lesser = {name: one for name in decision.verdict if (one := without(decision, name))}
+        tried = [name for name in decision.verdict if name not in kept]
+        lesser = {name: one for name in tried if (one := without(decision, name))}
         left = {name: measure(one) for name, one in lesser.items()}
         little = [name for name, gap in left.items() if _is_little(told, gap)]
         if not little:
             break
-        name = min(little, key=lambda one: float(left[one]["after"]))
+        name = max(little, key=lambda one: lesser[one].best.reached)
         effect, _, joint = name.partition("@")
         small.append({"effect": effect, "joint": int(joint), "with": told["after"], "without": left[name]["after"]})
         decision = lesser[name]
@@ -51,8 +64,13 @@ def drop_small_effects(decision: Decision, measure: Callable[[Decision], Gap]) -
 def _is_little(told: Gap, without: Gap) -> bool:
     """Whether a gap ``without`` an effect is about that with it, in all and in every channel."""
     channels = ((told["by_channel"][name]["after"], one["after"]) for name, one in without["by_channel"].items())
-    alike = all(after <= OF_A_CHANNEL * max(before, 1.0) for before, after in channels)
-    return bool(alike and without["after"] <= LITTLE * max(told["after"], 1.0))
+    alike = all(_is_alike(before, after, OF_A_CHANNEL) for before, after in channels)
+    return alike and _is_alike(told["after"], without["after"], LITTLE)
+
+
+def _is_alike(with_it: float, without: float, least: float) -> bool:
+    """Whether an error is about as large without an effect as with it, in multiples of the noise."""
+    return bool(without <= (REMAINS if with_it > ABOVE else least) * max(with_it, 1.0))
 
 
 def without(decision: Decision, *names: str) -> Decision | None:

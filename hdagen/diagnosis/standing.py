@@ -21,7 +21,7 @@ from typing import Any
 
 from hdagen import verdict
 from hdagen.diagnosis.decide import LEAST, Decision, Hypothesis, decided
-from hdagen.diagnosis.gap import by_channel
+from hdagen.diagnosis.gap import ABOVE, by_channel
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.small_effects import without
 from hdagen.diagnosis.unseen_motion import UnseenMotion
@@ -31,7 +31,6 @@ from hdagen.replay import Replay
 MOST = 2 / 3  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
 NOTHING = 0.9  # of the same, or of a gap, from which on a verdict closes next to nothing
 NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
-ABOVE = 10.0  # multiples of the noise, from which on what is left counts
 FAR = 100.0  # of the same, from which on what is left is no small matter, whatever else leaves
 STEEPLY = 4.0  # power of what is left in the odds
 
