@@ -29,6 +29,7 @@ from hdagen.diagnosis.regimes import LEAST, Regressor, concentrated, explained, 
 from hdagen.diagnosis.sentences import NEAREST, confounded, sentence
 from hdagen.diagnosis.sentences import words as in_words
 from hdagen.diagnosis.spectra import Spectra, loudest
+from hdagen.diagnosis.unseen_motion import UnseenMotion
 from hdagen.diagnosis.whereabouts import trace, where
 from hdagen.diagnosis.whiteness import LAGS, whiteness
 from hdagen.log import Log
@@ -437,7 +438,8 @@ def write(
 ) -> str:
     sight, said, log, before, after = all_
     held_out = Portion(log, blocks(log.time))
-    held = SimpleNamespace(content=said, before=before, after=after, held_out=held_out)
+    seen = UnseenMotion(held_out, lambda _: before, before, before, before)
+    held = SimpleNamespace(content=said, after=after, held_out=seen)
     held.sight = sight
     report.write(held, path, again)  # type: ignore[arg-type]
     return path.read_text(encoding="utf-8")
@@ -532,13 +534,11 @@ def test_what_is_sure_beside_something_unknown_is_said_and_has_its_place(arm: Ar
     sight, said, log, before, after = seen(arm, {named: {"sensor_delay": 4e-3}})
     read_off = {"effect": "sensor_delay", "joint": 2, "parameters": {"sensor_delay": 4e-3}, "left": 0.07}
     said |= {"verdict": [named, "unknown@2"], "sure": False, "alone": [read_off]}
-    assert sentence(said).startswith(
-        "Joint 2 misses something that no known effect explains; sensor delay on joint 2 is missing beside it"
-    )
+    assert sentence(said).startswith("Sensor delay on joint 2 is missing in the model (probability 0.90")
     said["where"] = where(sight, said, np.ones(len(sight.log), bool))
     assert [(w["joint"], w["place"]) for w in said["where"][:2]] == [(2, "sensor"), (2, "motor")]
     page = write((sight, said, log, before, after), arm, tmp_path / "page.html")
-    assert "beside it" in page and "What commands and encoders show by themselves" in page
+    assert "is missing in the model" in page and "What commands and encoders show by themselves" in page
 
 
 def test_a_parameter_at_the_end_of_its_range_is_said(arm: Arm, tmp_path: Path) -> None:

@@ -61,6 +61,10 @@ def decision(names: tuple[str, ...], probability: float, *, also: tuple[str, ...
     return Decision(hypotheses, names, probability, probability, fit)
 
 
+ONE: Any = "where it stands"
+FITS = dict.fromkeys(((), ("payload@1",), ("payload@2",)), ONE)
+
+
 def worst(before: Replay, after: Replay, whole: Replay, named: set[int] | None = None) -> tuple[int, float]:
     shares = leave_shares(before, after, whole, HELD, named or set())
     return max(shares.items(), key=lambda one: one[1], default=(0, 0.0))
@@ -108,7 +112,7 @@ def whole_fit(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_leaves_most_of_a_joints_gap_is_unknown_there(names: tuple[str, ...], first: float, says: bool) -> None:
     given = decision(names, 0.95, also=("payload@1",) if not names else ())
     named = min(first, 0.9)  # of more than that the verdict itself must close something
-    found, told = doubted(given, names, motion(left(first, 0.1)), left(named if names else 1.0, 0.1))
+    found, told = doubted(given, FITS, names, motion(left(first, 0.1)), left(named if names else 1.0, 0.1))
     if not says:
         assert found is given and told is None
         return
@@ -124,31 +128,31 @@ def test_what_leaves_most_of_a_joints_gap_is_unknown_there(names: tuple[str, ...
 def test_the_more_is_left_the_surer_it_is() -> None:
     given = decision((), 0.8)
     seen = [left(share, 0.1) for share in (0.7, 0.8, 1.0)]
-    sure = [doubted(given, (), motion(one), one)[0].probability for one in seen]
+    sure = [doubted(given, FITS, (), motion(one), one)[0].probability for one in seen]
     assert sure == sorted(sure) and sure[0] < sure[-1]
 
 
 def test_a_verdict_that_closes_nothing_where_it_is_said_to_be_is_unknown() -> None:
     """Though the whole model does: much that is tolerated stands in for what is not known."""
     given, much = decision(("payload@2",), 0.95), motion(left(0.1, 0.1))
-    assert doubted(given, given.verdict, much, left(0.1, 1.0))[0].verdict == ("unknown@2",)
-    assert doubted(given, given.verdict, much, left(1.0, 0.1)) == (given, None)
-    assert doubted(given, (), much, replay(FAR)) == (given, None)  # none is said: it was withdrawn
+    assert doubted(given, FITS, given.verdict, much, left(0.1, 1.0))[0].verdict == ("unknown@2",)
+    assert doubted(given, FITS, given.verdict, much, left(1.0, 0.1)) == (given, None)
+    assert doubted(given, FITS, (), much, replay(FAR)) == (given, None)  # none is said: it was withdrawn
 
 
 @pytest.mark.parametrize("name", ["payload@2", "gravity_tilt@0"])
 def test_what_closes_its_own_joint_is_there_though_another_one_is_not_explained(name: str) -> None:
     given, after = decision((name,), 0.95), left(1.0, 0.1)
-    assert doubted(given, given.verdict, motion(after), after) == (given, None)
+    assert doubted(given, FITS, given.verdict, motion(after), after) == (given, None)
 
 
 def test_of_two_effects_the_one_that_closes_its_joint_stays() -> None:
     both, after = ("backlash@1", "payload@2"), left(1.0, 0.1)
-    found, told = doubted(decision(both, 0.95, also=("payload@2",)), both, motion(after), after)
+    found, told = doubted(decision(both, 0.95, also=("payload@2",)), FITS, both, motion(after), after)
     assert found.verdict == ("payload@2",) and found.probability == pytest.approx(1.0)
     assert told == {"verdict": list(both), "joint": 1, "left": pytest.approx(1.0)}
-    given = decision(both, 0.95)  # it was not fitted by itself
-    assert doubted(given, both, motion(after), after) == (given, None)
+    given = decision(both, 0.95, also=("payload@2",))
+    assert doubted(given, {}, both, motion(after), after) == (given, None)  # it was not fitted by itself
 
 
 @pytest.mark.parametrize("named", [0.5, 0.99, 1.0, 1.005, 2.0])
@@ -287,7 +291,7 @@ def test_where_no_encoder_erred_nothing_bears_out_what_is_known(unseen: tuple[st
 def test_what_is_unknown_already_is_left_as_it_is() -> None:
     given = decision(("unknown@2",), 0.7)
     never = replace(motion(replay(FAR)), simulate=lambda _: pytest.fail("it was replayed"))
-    assert doubted(given, (), never, replay(FAR)) == (given, None)
+    assert doubted(given, FITS, (), never, replay(FAR)) == (given, None)
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ from hdagen.diagnosis.missing import look
 from hdagen.diagnosis.portion import Portion, blocks
 from hdagen.diagnosis.sentences import confounded, sentence
 from hdagen.diagnosis.standing import known
+from hdagen.diagnosis.unseen_motion import UnseenMotion
 from hdagen.diagnosis.whereabouts import where
 from hdagen.fleet import Machine, Result, Status, summary
 from hdagen.log import Log
@@ -245,7 +246,8 @@ def test_every_page_is_written(one: tuple[Arm, Log], which: str, tmp_path: Path)
         said |= {"control": {"refused": "no speed limit"} if k % 2 else None}
         sight = look(arm, said, log, before, after)
         said["where"] = where(sight, said, held.rows)
-        found = SimpleNamespace(content=said, before=before, after=after, held_out=held, sight=sight)
+        seen = UnseenMotion(held, lambda _: before, before, before, before)
+        found = SimpleNamespace(content=said, after=after, held_out=seen, sight=sight)
         report.write(found, tmp_path / "report.html", "again")  # type: ignore[arg-type]
         assert "</html>" in (tmp_path / "report.html").read_text(encoding="utf-8")
         json.dumps(said, allow_nan=False)

@@ -10,7 +10,8 @@ from hdagen import verdict
 from hdagen.diagnosis.beside import Sure, beside
 from hdagen.diagnosis.decide import Decision
 from hdagen.diagnosis.findings import findings
-from hdagen.diagnosis.search import Search
+from hdagen.diagnosis.fitting import Fitted
+from hdagen.diagnosis.search import Search, best_first
 from hdagen.diagnosis.small_effects import drop_small_effects
 from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
 from hdagen.diagnosis.unseen_motion import UnseenMotion
@@ -61,11 +62,14 @@ class Judge:
         """The decision as it stands on the motion, and ``doubted``, ``alone`` and ``small`` of diagnosis.json. Raises
         PlantError."""
         stated = self._with_direct(decision)
-        checked, doubt = doubted(stated.decision, stated.content["verdict"], self.motion, stated.after)
+        fitted: dict[tuple[str, ...], Fitted] = {}
+        for fit in best_first(self.found.fitted):
+            fitted.setdefault(fit.names, fit)
+        checked, doubt = doubted(stated.decision, fitted, stated.content["verdict"], self.motion, stated.after)
         if doubt:
             checked = self._with_direct(checked).decision
         direct = [one.name for one in self.direct]
-        checked, small = drop_small_effects(checked, lambda one: self.state(one).content["gap"], direct)
+        checked, small = drop_small_effects(checked, fitted, lambda one: self.state(one).content["gap"], direct)
         return checked, {"doubted": doubt, "alone": [one.content for one in self.direct], "small": small}
 
     def _with_direct(self, decision: Decision) -> Statement:

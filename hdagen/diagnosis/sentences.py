@@ -25,7 +25,8 @@ def sentence(content: dict[str, Any]) -> str:
     elif not named:
         what = f"{_joints(verdict)} something that no known effect explains{_though(content['doubted'])}"
     else:
-        p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) == sorted(named)), None)
+        sets = sorted(named), sorted(verdict)
+        p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) in sets), None)
         each = _each(named)
         sized = "" if p is None else f" (probability {p:.2f}{calibrated(content)})"
         what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"

@@ -18,6 +18,7 @@ from dataclasses import replace
 from typing import Any
 
 from hdagen.diagnosis.decide import Decision, Hypothesis
+from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.gap import ABOVE
 
 LITTLE = 1.05  # times the gap with an effect, that may be left without it
@@ -25,15 +26,17 @@ OF_A_CHANNEL = 1.1  # times what any channel errs by: what acts on one of many s
 REMAINS = 2.0**0.5  # times either, where that is as many times the noise as counts
 
 Gap = Mapping[str, Any]  # `gap` of diagnosis.json
+Fits = Mapping[tuple[str, ...], Fitted]
 
 
 def drop_small_effects(
-    decision: Decision, measure: Callable[[Decision], Gap], kept: Collection[str] = ()
+    decision: Decision, fitted: Fits, measure: Callable[[Decision], Gap], kept: Collection[str] = ()
 ) -> tuple[Decision, list[dict[str, Any]]]:
     """A decision without the effects that close little beside the others.
 
     Args:
         decision: what would be said.
+        fitted: the fits of a search, by their sets of effects.
         measure: `gap` of diagnosis.json on held-out motion, of a decision.
         kept: effects, name@joint, that are never small.
 
@@ -49,7 +52,7 @@ def drop_small_effects(
         if told["after"] >= told["before"]:  # nothing of it stands
             break
         tried = [name for name in decision.verdict if name not in kept]
-        lesser = {name: one for name in tried if (one := without(decision, name))}
+        lesser = {name: one for name in tried if (one := without(decision, fitted, name))}
         left = {name: measure(one) for name, one in lesser.items()}
         little = [name for name, gap in left.items() if _is_little(told, gap)]
         if not little:
@@ -73,11 +76,12 @@ def _is_alike(with_it: float, without: float, least: float) -> bool:
     return bool(without <= (REMAINS if with_it > ABOVE else least) * max(with_it, 1.0))
 
 
-def without(decision: Decision, *names: str) -> Decision | None:
+def without(decision: Decision, fitted: Fits, *names: str) -> Decision | None:
     """A decision without some of its effects.
 
     Args:
         decision: what would be said.
+        fitted: the fits of a search, by their sets of effects.
         names: of effects, name@joint, that are not to be said.
 
     Returns:
@@ -88,10 +92,11 @@ def without(decision: Decision, *names: str) -> Decision | None:
     fewer = tuple(one for one in decision.verdict if one not in names)
     both = {h.names: h for h in decision.hypotheses if h.names in (fewer, decision.verdict)}
     own, whole = both.get(fewer), both.get(decision.verdict)
-    if own is None or own.fit is None or whole is None:
+    fit = fitted.get(fewer)
+    if fit is None or own is None or whole is None:
         return None
     probability = own.probability + whole.probability
     rest = [h for h in decision.hypotheses if h not in (own, whole)]
-    found = [Hypothesis(fewer, probability, own.fit), *rest, Hypothesis(whole.names, 0.0, whole.fit)]
+    found = [Hypothesis(fewer, probability, fit), *rest, Hypothesis(whole.names, 0.0, whole.fit)]
     ordered = tuple(sorted(found, key=lambda h: -h.probability))
-    return replace(decision, hypotheses=ordered, verdict=fewer, probability=probability, best=own.fit)
+    return replace(decision, hypotheses=ordered, verdict=fewer, probability=probability, best=fit)

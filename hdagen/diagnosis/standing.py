@@ -23,7 +23,7 @@ from hdagen import verdict
 from hdagen.diagnosis.decide import LEAST, Decision, Hypothesis, decided
 from hdagen.diagnosis.gap import ABOVE, by_channel
 from hdagen.diagnosis.portion import Portion
-from hdagen.diagnosis.small_effects import without
+from hdagen.diagnosis.small_effects import Fits, without
 from hdagen.diagnosis.unseen_motion import UnseenMotion
 from hdagen.plant import Arm
 from hdagen.replay import Replay
@@ -93,12 +93,13 @@ def leaves_little(after: float, others: Sequence[float]) -> bool:
 
 
 def doubted(
-    decision: Decision, said: Sequence[str], motion: UnseenMotion, after: Replay
+    decision: Decision, fitted: Fits, said: Sequence[str], motion: UnseenMotion, after: Replay
 ) -> tuple[Decision, dict[str, Any] | None]:
     """A decision without what does not stand on motion that the fit did not see.
 
     Args:
         decision: what would be said; one that something unknown is at work stays as it is.
+        fitted: the fits of a search, by their sets of effects.
         said: what of it closes the gap, name@joint.
         motion: that the fit did not see.
         after: its replay with what is said.
@@ -126,7 +127,7 @@ def doubted(
         return _at_odds(decision, (share / MOST) ** STEEPLY, joint), told
     if standing == decision.verdict:
         return decision, None
-    fewer = without(decision, *(name for name in decision.verdict if name not in standing))
+    fewer = without(decision, fitted, *(name for name in decision.verdict if name not in standing))
     return (fewer, told) if fewer else (decision, None)
 
 
