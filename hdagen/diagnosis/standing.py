@@ -20,7 +20,7 @@ from dataclasses import replace
 from typing import Any
 
 from hdagen import verdict
-from hdagen.diagnosis.decide import LEAST, Decision, Hypothesis, decided
+from hdagen.diagnosis.decide import LEAST, SURE, Decision, Hypothesis, decided
 from hdagen.diagnosis.gap import ABOVE, by_channel
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.small_effects import Fits, without
@@ -33,6 +33,7 @@ NOTHING = 0.9  # of the same, or of a gap, from which on a verdict closes next t
 NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
 FAR = 100.0  # of the same, from which on what is left is no small matter, whatever else leaves
 STEEPLY = 4.0  # power of what is left in the odds
+LEAST_ODDS = SURE / (1.0 - SURE)  # of something unknown where short windows say so: what is named is then not sure
 
 
 def stands(plain: Arm, named: Arm, content: dict[str, Any], motions: Sequence[UnseenMotion]) -> tuple[Arm, Replay]:
@@ -157,7 +158,8 @@ def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alo
     of the joint that has the largest share left, and again where a flexible correction leaves more. Where one leaves
     less there is a structure: short windows have looked for it, and of what long ones tell the odds rise. Where each of
     these effects closes a third of what its joint errs by, and the base parameters by themselves do not, something
-    unknown is no more probable than they are, and the less so the less they leave.
+    unknown is no more probable than they are, and the less so the less they leave. What short windows do not tell is
+    never sure.
 
     Args:
         decision: that something unknown is at work.
@@ -182,6 +184,7 @@ def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alo
         sets = [h for h in decision.hypotheses if not h.unknown]
         named = sum(h.probability for h in sets if h.names) / sum(h.probability for h in sets)
         odds = min(odds, named * max(shares) / MOST)
+    odds = max(odds, LEAST_ODDS)
     (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
     return _at_odds(decision, odds, joint)
 
