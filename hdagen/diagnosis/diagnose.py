@@ -44,6 +44,7 @@ from hdagen.together import together
 
 WINDOW = 0.05  # s: short enough that a wrong parameter bends the motion little
 FEWEST = 25  # rows of a window
+HALF = "every other second, the rest having decided what stands,"
 BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 
 
@@ -214,7 +215,7 @@ def _data(
         "log": ", ".join(log.source for log in logs),
         "rate": 1 / logs[0].period,
         "duration": sum(float(log.time[-1] - log.time[0]) for log in logs),
-        "held_out": ", ".join(log.source for log in hold_out) or BLOCKS,
+        "held_out": f"{HALF} of {', '.join(log.source for log in hold_out)}" if hold_out else BLOCKS,
         "hold_out": name_rows(motion.portion, hold_out or logs),
         "notes": list(dict.fromkeys([*notes, *failures])),
     }
