@@ -32,6 +32,7 @@ from hdagen import __main__, fleet
 from hdagen.blind import run as blind
 from hdagen.diagnosis import diagnose as diagnosed
 from hdagen.diagnosis.portion import Portion, blocks
+from hdagen.diagnosis.unseen_motion import UnseenMotion
 from hdagen.log import write
 from hdagen.plant import Arm
 
@@ -54,7 +55,8 @@ def prepare_diagnose(folder: Path) -> list[str]:
     sight, said, log, before, after = seen(arm, {"cable_spring@2": TRUTHS["cable_spring@2"][0]})
     said["robot"]["identity"] = "0" * 64
     held = Portion(log, blocks(log.time))
-    found = SimpleNamespace(content=said, before=before, after=after, held_out=held, sight=sight, left_out=())
+    motion = UnseenMotion(held, lambda _: before, before, before, before)
+    found = SimpleNamespace(content=said, after=after, held_out=motion, sight=sight, left_out=())
     diagnosed.diagnose = lambda *_: found
     write(log, folder / "log.parquet")
     return ["diagnose", str(folder / "robot.toml"), str(folder / "log.parquet"), "--out", str(folder / "out")]
