@@ -15,7 +15,7 @@ from replayed import FLEXIBLE, diagnosis, simulated
 from hdagen import replay_command
 from hdagen.diagnosis.gap import bounds, gap, least
 from hdagen.diagnosis.held_out import count_rows, name_rows
-from hdagen.diagnosis.portion import Portion, parted
+from hdagen.diagnosis.portion import Portion, part
 from hdagen.joined import joined
 from hdagen.log import Log, LogError, read, write
 from hdagen.plant import Arm, PlantError, load
@@ -49,7 +49,7 @@ def content(told: dict[str, Any], rows: list[dict[str, Any]]) -> Any:
 
 def test_a_replay_counted_over_the_rows_that_are_named_has_the_gap_of_the_diagnosis(logs: list[Log]) -> None:
     log = logs[0]
-    _, held = parted([log], [])
+    _, held = part([log], [])
     before, after = erring(log, 9.0, 1), erring(log, 3.0, 2)
     held = held.without((250 * int(np.flatnonzero(held.rows)[0] // 250),), before.starts)
     told = gap(before, after, held)
@@ -84,7 +84,7 @@ def test_of_several_logs_each_has_its_own_rows_in_its_own_time(logs: list[Log]) 
 
 def test_another_log_other_rows_and_an_old_diagnosis_are_refused(logs: list[Log]) -> None:
     log = logs[0]
-    _, held = parted([log], [])
+    _, held = part([log], [])
     found = erring(log, 2.0, 1)
     said = content(gap(found, found, held), name_rows(held, [log]))
     with pytest.raises(PlantError, match=r"counts no rows of /somewhere/1.csv; possible is /somewhere/0.csv"):
@@ -110,7 +110,7 @@ def test_the_command_counts_the_rows_of_a_diagnosis(
     (tmp_path / "robot.toml").write_text(FLEXIBLE)
     log = replace(simple, source=str(tmp_path / "log.parquet"))
     arm.parameters["mass_1"] *= 1.05
-    _, held = parted([log], [])
+    _, held = part([log], [])
     found = replay(arm, log)
     told = gap(found, found, held)
     mass = {"mass_1": {"value": arm.parameters["mass_1"], "std": 0.1}}

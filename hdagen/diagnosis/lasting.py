@@ -4,7 +4,7 @@ A torque that no effect explains, as of a rough gear or a drive that does not do
 hundredths of a second: in short windows it hides what always works, over long ones it averages out. So where something
 unknown leads, effects are looked for once more, by what a plain simulation, with no torque of its own, errs by in long
 windows: one after another the one that lowers that most. Then those are let go that lower next to nothing in parts of
-the log that they are not fitted to, and those for which another effect would do nearly as well.
+the log that they are not fitted to. A set with another effect in the place of one of them shares the probability.
 
 An error that has begun goes on, so each window tells one number of a channel, whatever its rows. What is lowered is
 
@@ -54,7 +54,6 @@ ENOUGH = 0.1  # of what is lowered, below which a step was the last
 FOLDS = 4  # parts of the log, each of which is told by what the others tell
 FEWEST = 2 * FOLDS  # windows
 TENTH = -2.0 * float(np.log(0.9))  # of what is lowered, a window: by this much an effect must lower it
-ALIKE = 2.0 * float(np.log(100.0))  # of the same, by which another effect in its place must be behind
 
 
 def lasting(
@@ -138,10 +137,8 @@ class Lasting:
             gains = {k: self._elsewhere(one) - whole for k, one in less.items()}
             doubtful = [k for k in model.atoms if gains[k] <= self.worth]
             if not doubtful:
-                others = {k: self._others(model, one) for k, one in less.items()}
-                doubtful = [k for k, found in others.items() if found and found[0].cost < model.cost + ALIKE]
-                if not doubtful:
-                    return [model, *(one for found in others.values() for one in found), none]
+                others = [one for k in model.atoms for one in self._others(model, less[k])]
+                return [model, *others, none]
             model = less[min(doubtful, key=lambda k: gains[k])]
         return [none]
 
