@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,6 +23,7 @@ from hdagen.diagnosis.contradiction import find_contradiction
 from hdagen.diagnosis.diagnose import diagnose
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.sentences import confounded, say_contradiction, sentence
+from hdagen.diagnosis.single_moments import find_moments
 from hdagen.diagnosis.unseen_motion import UnseenMotion
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm
@@ -132,6 +134,60 @@ def test_a_log_at_rest_is_refused_with_the_motion_that_would_tell(build: Callabl
     }
     with pytest.raises(LogError, match=r"no joint moves, so what is missing cannot be told.*as hdagen excite"):
         repair(Log(log.time, still, 2, "at rest"), arm)
+
+
+# -- what acts once ---------------------------------------------------------------------------------------------------
+
+
+def bursts(first: Mapping[int, float], left: float = 4.0) -> Replay:
+    """A replay whose first joint errs by ``left`` times the noise, and by other multiples in some seconds."""
+    found = replay(left, left)
+    for name in ("motor_position_1", "joint_position_1"):
+        for second, multiple in first.items():
+            found.columns[name][1000 * second : 1000 * (second + 1)] = multiple * NOISE[name]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("left", "said"),
+    [
+        ({3: 200.0}, True),
+        ({3: 200.0, 4: 150.0}, True),  # it goes on into the next second
+        ({3: 200.0, 6: 150.0}, False),  # it comes again
+        ({3: 200.0, 1: 800.0, 5: 400.0}, False),  # something is left everywhere
+        ({3: 9.0}, False),  # it is near the noise
+        ({}, False),
+    ],
+)
+def test_what_is_left_at_one_moment_is_found(left: dict[int, float], said: bool) -> None:
+    found = find_moments(bursts({3: 500.0}, 300.0), bursts(left, 1.0), Portion.whole(LOG), [LOG])
+    assert bool(found) is said
+    if said:
+        assert found == [
+            {"joint": 1, "log": "test", "span": [3.0, pytest.approx(3.999)], "noise": pytest.approx(200.0)}
+        ]
+
+
+def test_what_is_closed_there_is_not_left_and_one_encoder_is_not_enough() -> None:
+    whole = Portion.whole(LOG)
+    assert find_moments(bursts({3: 800.0}), bursts({3: 200.0}), whole, [LOG]) == []
+    good = bursts({3: 200.0})
+    good.columns["joint_position_1"][:] = 0.0
+    assert find_moments(bursts({3: 500.0}), good, whole, [LOG]) == []
+
+
+def test_the_log_of_a_moment_is_named_in_its_own_time() -> None:
+    half = ROWS // 2
+    logs = [replace(LOG.rows(0, half), source="one"), replace(LOG.rows(half, ROWS), source="two")]
+    found = find_moments(bursts({5: 500.0}), bursts({5: 200.0}), Portion.whole(LOG), logs)
+    assert [(one["log"], one["span"][0]) for one in found] == [("two", pytest.approx(logs[1].time[1000]))]
+
+
+def test_a_moment_is_said_with_what_would_tell() -> None:
+    once = [{"joint": 1, "log": "log.csv", "span": [0.0, 0.999], "noise": 300.0}]
+    said = sentence(content([], [[], [FRICTION]], moments=once))
+    assert "lies within one second (joint 1, 0 to 0.999 s of log.csv): what acts once cannot be told" in said
+    assert "several times" in said
 
 
 # -- the whole --------------------------------------------------------------------------------------------------------

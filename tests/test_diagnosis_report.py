@@ -94,6 +94,7 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         "unseen": ["torque_constant@2"],
         "doubted": None,
         "contradicted": None,
+        "moments": [],
         "alone": [],
         "tolerated": [],
         "small": [],

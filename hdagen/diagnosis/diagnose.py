@@ -33,6 +33,7 @@ from hdagen.diagnosis.search import Search, search
 from hdagen.diagnosis.sentences import say_contradiction
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.single_moments import find_moments
 from hdagen.diagnosis.standing import leaves_little
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.unseen_motion import UnseenMotion, measure_unseen
@@ -120,6 +121,7 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     say("what is tolerated, and what else it may be")
     content |= _rivals(told, motion, attempts)
     content |= _remainder(content)
+    content |= _moments(told, motion, hold_out or logs)
     say("where and when")
     sight = look(told.arm, content, motion.portion.log, motion.before, told.after)
     places = partial(where, sight, content, motion.portion.rows)
@@ -156,6 +158,14 @@ def _remainder(content: dict[str, Any]) -> dict[str, Any]:
     good = not named and is_as_good_as_it_gets(content["gap"])
     said = [] if good else name_remainders(content["verdict"], remains)
     return {"remains": remains, "as_good_as_it_gets": good, "verdict": said}
+
+
+def _moments(told: Statement, motion: UnseenMotion, logs: Sequence[Log]) -> dict[str, Any]:
+    """`moments` and `sure` of diagnosis.json, with what acts once in the logs that are replayed."""
+    content, before = told.content, motion.before
+    every = Portion.whole(motion.portion.log).without(before.guessed, before.starts)
+    moments = [] if content["contradicted"] else find_moments(before, told.after, every, logs)
+    return {"moments": moments, "sure": content["sure"] and bool(content["verdict"] or not moments)}
 
 
 def _searched(

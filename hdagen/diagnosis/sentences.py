@@ -40,7 +40,7 @@ def sentence(content: dict[str, Any]) -> str:
         spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
         line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
     why = f" {say_contradiction(content['contradicted'])}" if content["contradicted"] else ""
-    more = (_remains, _ends, _more, _contradictions, _still)
+    more = (_remains, _moments, _ends, _more, _contradictions, _still)
     return f"{line}{_beside(gap)}.{why}{''.join(each(content) for each in more)}"
 
 
@@ -52,6 +52,20 @@ def say_contradiction(contradicted: dict[str, Any]) -> str:
         f"{100 * contradicted['closed']:.0f} % of its own gap and leaves {100 * contradicted['left']:.0f} % of the "
         "hold-out's: they do not seem to be of the same machine. Give another motion of the log's machine, within its "
         "range and speed, as hdagen excite designs one, or no hold-out: a fifth of the log is then kept from the fit."
+    )
+
+
+def _moments(content: dict[str, Any]) -> str:
+    """What acts once, and what would tell it."""
+    each = "; ".join(
+        f"joint {one['joint']}, {one['span'][0]:.4g} to {one['span'][1]:.4g} s of {one['log']}"
+        for one in content["moments"]
+    )
+    if not each:
+        return ""
+    return (
+        f" Nearly all that is left lies within one second ({each}): what acts once cannot be told. Record a log in "
+        "which the joint goes there several times."
     )
 
 
