@@ -50,8 +50,9 @@ def say_contradiction(contradicted: dict[str, Any]) -> str:
     return (
         f"What the log alone says ({named}base parameters within their tolerance) closes "
         f"{100 * contradicted['closed']:.0f} % of its own gap and leaves {100 * contradicted['left']:.0f} % of the "
-        "hold-out's: they do not seem to be of the same machine. Give another motion of the log's machine, within its "
-        "range and speed, as hdagen excite designs one, or no hold-out: a fifth of the log is then kept from the fit."
+        "hold-out's: they do not seem to be of the same machine, or the hold-out moves as the log never does. Give "
+        "another motion of the log's machine, within its range and speed, as hdagen excite designs one, or no "
+        "hold-out: a fifth of the log is then kept from the fit."
     )
 
 
