@@ -148,6 +148,7 @@ def prepared(
         for (one, repairs, _), more in zip(done, shared, strict=True)
         for each in (*repairs, *more)
     ]
+    said["still"] = _still_joints(arm, [one for _, _, one in done[: len(logs)] if one])
     said["refused"] = []  # a log that is refused ends in no diagnosis
     return ready[: len(logs)], ready[len(logs) :], fresh, said
 
@@ -178,6 +179,12 @@ def _fresh(
         else:
             problems.append(f"{two.source}: the same motion {where}; leave one of them out.")
     return fresh, said, problems
+
+
+def _still_joints(arm: Arm, seen: Sequence[Triage]) -> list[int]:
+    """The joints that no log moves, by any encoder."""
+    moved = {split_name(c.name) for one in seen for c in one.channels if c.moves}
+    return [j for j in range(1, arm.n + 1) if not any((base, j) in moved for base in POSITIONS)]
 
 
 def _useful(log: Log, rows: Mask) -> bool:
@@ -311,7 +318,10 @@ def _too_little(log: Log, seen: Triage) -> list[str]:
             "10 s of motion with reversals, slow and fast."
         )
     if not any(c.moves for c in seen.channels if (split_name(c.name) or ("", 0))[0] in _NEEDED[1]):
-        problems.append(f"{log.source}: no joint moves; record a motion of every joint, with reversals.")
+        problems.append(
+            f"{log.source}: no joint moves, so what is missing cannot be told: at rest the others make up for any "
+            "one effect; record a motion of every joint, with reversals, as hdagen excite designs one."
+        )
     share = seen.dropped / (seen.rows + seen.dropped)
     if share > _LOST:
         problems.append(

@@ -48,16 +48,16 @@ def test_a_late_stage_that_fails_takes_nothing_of_what_was_found(monkeypatch: py
     def refused(*of: Any) -> list[dict[str, Any]]:
         raise PlantError("parameter payload_mass_1: 1e-12 kg is not within [0, 20].")
 
-    rest: Any = (None, None, None, None)
-    decision: Any = SimpleNamespace(best=None)
+    told: Any = SimpleNamespace(decision=SimpleNamespace(best=None), content=CONTENT, after=None)
+    motion: Any = SimpleNamespace(before=None, portion=None, simulate=None)
     monkeypatch.setattr(diagnose, "tolerated", refused)
     monkeypatch.setattr(diagnose, "ladder", lambda *of: [{"effects": ["payload@1"], "gap": 2.0}])
     attempts = Attempts()
-    found = diagnose._rivals(decision, CONTENT, rest, attempts)
+    found = diagnose._rivals(told, motion, attempts)
     assert found["gap"] == CONTENT["gap"]
     assert found["tolerated"] == [] and found["causes"] == [CONTENT["causes"][0] | {"gap_after": 2.0}]
     assert "payload_mass_1" in attempts.failures[0]
     monkeypatch.setattr(diagnose, "ladder", refused)
-    found = diagnose._rivals(decision, CONTENT, rest, attempts)
+    found = diagnose._rivals(told, motion, attempts)
     assert found["ladder"] == [] and found["causes"][0]["gap_after"] is None
     assert len(attempts.failures) == 3

@@ -93,6 +93,8 @@ def content(arm: Arm, entries: dict[str, dict[str, float]], base: dict[str, floa
         },
         "unseen": ["torque_constant@2"],
         "doubted": None,
+        "contradicted": None,
+        "moments": [],
         "alone": [],
         "tolerated": [],
         "small": [],
@@ -611,11 +613,11 @@ def test_where_nothing_is_named_each_candidate_and_each_experiment_stands_once()
         {"effect": name[:-2], "joint": int(name[-1]), "probability": p, "confounded_with": [*{*likely} - {name}]}
         for name, p in likely.items()
     ]
-    said = confounded({"verdict": [], "causes": causes, "unseen": []})
+    said = confounded({"verdict": [], "contradicted": None, "causes": causes, "unseen": []})
     for name in ("stribeck friction on joint 1 (0.20)", "presliding friction on joint 1 (0.10)", "payload on joint 2"):
         assert said.count(name) == 1
     assert said.count("Against payload@2: ") == 1 and "contact" not in said
     assert "hdagen excite robot.toml --separate stribeck_friction@1,presliding_friction@1,payload@2\n" in said
     for few in (causes[:1], causes[3:]):
-        assert "excite" not in confounded({"verdict": [], "causes": few, "unseen": []})
-    assert "payload" not in confounded({"verdict": [], "causes": causes, "unseen": ["payload@2"]})
+        assert "excite" not in confounded({"verdict": [], "contradicted": None, "causes": few, "unseen": []})
+    assert "payload" not in confounded({"verdict": [], "contradicted": None, "causes": causes, "unseen": ["payload@2"]})

@@ -105,7 +105,7 @@ def test_what_is_left_within_a_few_times_the_noise_does_not_count() -> None:
 @pytest.fixture(autouse=True)
 def whole_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     """The model where a best fit stands; a simulation of it is the motion's."""
-    monkeypatch.setattr(standing, "_whole", lambda _: "all that it has")
+    monkeypatch.setattr(standing, "use_whole", lambda _: "all that it has")
 
 
 @pytest.mark.parametrize(("first", "says"), [(0.02, False), (MOST - 0.01, False), (MOST + 0.01, True), (1.0, True)])

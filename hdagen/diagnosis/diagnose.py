@@ -13,6 +13,7 @@ from typing import Any
 from hdagen import verdict
 from hdagen.diagnosis.attempts import Attempts
 from hdagen.diagnosis.beside import sure
+from hdagen.diagnosis.contradiction import find_contradiction
 from hdagen.diagnosis.controlled import controlled
 from hdagen.diagnosis.decide import Decision, decide
 from hdagen.diagnosis.findings import hypothetical
@@ -29,8 +30,10 @@ from hdagen.diagnosis.prediction import weigh_predictions
 from hdagen.diagnosis.record import Record, record
 from hdagen.diagnosis.remainder import is_as_good_as_it_gets, measure_remainders, name_remainders
 from hdagen.diagnosis.search import Search, search
+from hdagen.diagnosis.sentences import say_contradiction
 from hdagen.diagnosis.series import with_springs
 from hdagen.diagnosis.shooting import Shooting
+from hdagen.diagnosis.single_moments import find_moments
 from hdagen.diagnosis.standing import leaves_little
 from hdagen.diagnosis.tolerated import tolerated
 from hdagen.diagnosis.unseen_motion import UnseenMotion, measure_unseen
@@ -102,6 +105,8 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     judge = Judge(plain, arm, found, sure(arm, seen), judged)
     say("prediction over long windows")
     decision = _own(_decided(found, shown, seen, attempts), logs)
+    hold_against = partial(find_contradiction, plain, decision, shown, _simulate(shown, seen), unseen)
+    contradicted = attempts.attempt("whether the hold-out is of this machine", hold_against, None) if hold_out else None
 
     def search_long_windows(strange: Decision) -> Decision | None:
         say("what works all the time")
@@ -109,13 +114,15 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
         return attempts.attempt("what works all the time", work, None)
 
     say("replay of held-out motion")
-    decision = _own(choose(decision, judge, search_long_windows), logs)
-    decision, judged_so = judge.check(decision)
-    told = judge.state(decision, motion)
-    content = told.content | judged_so
+    if contradicted:
+        told = judge.withhold(decision, motion, contradicted)
+    else:
+        told = judge.settle(_own(choose(decision, judge, search_long_windows), logs), motion)
+    content = told.content
     say("what is tolerated, and what else it may be")
     content |= _rivals(told, motion, attempts)
     content |= _remainder(content)
+    content |= _moments(told, motion, hold_out or logs)
     say("where and when")
     sight = look(told.arm, content, motion.portion.log, motion.before, told.after)
     places = partial(where, sight, content, motion.portion.rows)
@@ -123,7 +130,9 @@ def _diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], s
     content["control"] = _control(plain, told.arm, verdict.read(content), motion.portion.log)
     content["robot"] = {"name": plain.robot["name"], "identity": identity(plain.robot), "sha256": _digest(robot)}
     content["data"] = _data(logs, hold_out, motion, attempts.failures) | of_data
-    return Diagnosis(found, decision, content, motion, told.after, sight, tuple(attempts.failures))
+    if contradicted:
+        content["data"]["warnings"].append(say_contradiction(contradicted))
+    return Diagnosis(found, told.decision, content, motion, told.after, sight, tuple(attempts.failures))
 
 
 def _simulate(portion: Portion, seen: Record) -> Callable[[Arm], Replay]:
@@ -150,6 +159,14 @@ def _remainder(content: dict[str, Any]) -> dict[str, Any]:
     good = not named and is_as_good_as_it_gets(content["gap"])
     said = [] if good else name_remainders(content["verdict"], remains)
     return {"remains": remains, "as_good_as_it_gets": good, "verdict": said}
+
+
+def _moments(told: Statement, motion: UnseenMotion, logs: Sequence[Log]) -> dict[str, Any]:
+    """`moments` and `sure` of diagnosis.json, with what acts once in the logs that are replayed."""
+    content, before = told.content, motion.before
+    every = Portion.whole(motion.portion.log).without(before.guessed, before.starts)
+    moments = [] if content["contradicted"] else find_moments(before, told.after, every, logs)
+    return {"moments": moments, "sure": content["sure"] and bool(content["verdict"] or not moments)}
 
 
 def _searched(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hdagen import verdict
@@ -58,6 +58,21 @@ class Judge:
         tried = borne_out(strange, alone.content["verdict"], self.motion, alone.after)
         return None if tried.unknown or outsized(alone.content) else tried
 
+    def settle(self, decision: Decision, last: UnseenMotion) -> Statement:
+        """What is said of a decision as it stands on the motion; the gap is that on the ``last`` one. Raises
+        PlantError."""
+        checked, judged_so = self.check(decision)
+        told = self.state(checked, last)
+        told.content.update(judged_so | {"contradicted": None})
+        return told
+
+    def withhold(self, decision: Decision, last: UnseenMotion, contradicted: dict[str, Any]) -> Statement:
+        """That nothing can be said, as the hold-out contradicts the log; the gap is that on the ``last`` motion."""
+        content = findings(self.found, replace(decision, verdict=()))
+        content |= {"sure": False, "parameters": {}, "gap": last.measure_gap(last.before)}
+        content |= {"doubted": None, "alone": self._list_direct(), "small": [], "contradicted": contradicted}
+        return Statement(decision, content, self.plain, last.before)
+
     def check(self, decision: Decision) -> tuple[Decision, dict[str, Any]]:
         """The decision as it stands on the motion, and ``doubted``, ``alone`` and ``small`` of diagnosis.json. Raises
         PlantError."""
@@ -70,7 +85,11 @@ class Judge:
             checked = self._with_direct(checked).decision
         direct = [one.name for one in self.direct]
         checked, small = drop_small_effects(checked, fitted, lambda one: self.state(one).content["gap"], direct)
-        return checked, {"doubted": doubt, "alone": [one.content for one in self.direct], "small": small}
+        return checked, {"doubted": doubt, "alone": self._list_direct(), "small": small}
+
+    def _list_direct(self) -> list[dict[str, Any]]:
+        """`alone` of diagnosis.json."""
+        return [one.content for one in self.direct]
 
     def _with_direct(self, decision: Decision) -> Statement:
         """What is said with the effects that the log shows by themselves, which are withdrawn first."""

@@ -30,7 +30,7 @@ def sentence(content: dict[str, Any]) -> str:
         each = _each(named)
         sized = "" if p is None else f" (probability {p:.2f}{calibrated(content)})"
         what = f"{each[0].upper()}{each[1:]} {'is' if len(named) == 1 else 'are'} missing in the model{sized}"
-    sure = "" if content["sure"] else "; this is not sure"
+    sure = "" if content["sure"] or content["contradicted"] else "; this is not sure"
     within = "Base parameters within their tolerance take the gap on held-out motion"
     how = within if content["parameters"] and not verdict else "On held-out motion the gap goes"
     line = f"{what}{sure}. {how} from {_times(gap['before'])} "
@@ -39,7 +39,47 @@ def sentence(content: dict[str, Any]) -> str:
         interval = gap["interval"]
         spread = f" [{100 * interval[0]:.0f}, {100 * interval[1]:.0f}]" if interval else ""
         line += f": {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
-    return f"{line}{_beside(gap)}.{_remains(content)}{_ends(content)}{_more(content)}{_contradictions(content)}"
+    why = f" {say_contradiction(content['contradicted'])}" if content["contradicted"] else ""
+    more = (_remains, _moments, _ends, _more, _contradictions, _still)
+    return f"{line}{_beside(gap)}.{why}{''.join(each(content) for each in more)}"
+
+
+def say_contradiction(contradicted: dict[str, Any]) -> str:
+    """Why a hold-out does not seem to be of the log's machine, and what to do: `contradicted` of diagnosis.json."""
+    named = f"{_each(contradicted['verdict'])} and " if contradicted["verdict"] else ""
+    return (
+        f"What the log alone says ({named}base parameters within their tolerance) closes "
+        f"{100 * contradicted['closed']:.0f} % of its own gap and leaves {100 * contradicted['left']:.0f} % of the "
+        "hold-out's: they do not seem to be of the same machine, or the hold-out moves as the log never does. Give "
+        "another motion of the log's machine, within its range and speed, as hdagen excite designs one, or no "
+        "hold-out: a fifth of the log is then kept from the fit."
+    )
+
+
+def _moments(content: dict[str, Any]) -> str:
+    """What acts once, and what would tell it."""
+    each = "; ".join(
+        f"joint {one['joint']}, {one['span'][0]:.4g} to {one['span'][1]:.4g} s of {one['log']}"
+        for one in content["moments"]
+    )
+    if not each:
+        return ""
+    return (
+        f" Nearly all that is left lies within one second ({each}): what acts once cannot be told. Record a log in "
+        "which the joint goes there several times."
+    )
+
+
+def _still(content: dict[str, Any]) -> str:
+    """The joints that no log moves, and the motion that would."""
+    still = content.get("data", {}).get("still", ())
+    if not still:
+        return ""
+    which = f"Joint {still[0]} does" if len(still) == 1 else f"Joints {', '.join(map(str, still))} do"
+    return (
+        f" {which} not move in the log: of what acts in motion nothing can be told there (hdagen excite robot.toml "
+        f"--joint {still[0]} designs a motion that shows it)."
+    )
 
 
 def _joints(entries: Sequence[str]) -> str:
@@ -98,6 +138,8 @@ def _unit(q: dict[str, Any]) -> str:
 def _nothing(content: dict[str, Any]) -> str:
     """Why no effect is named: none is likely, or one is, but not sure enough, or there is nothing to explain."""
     first = content["hypotheses"][0]
+    if content["contradicted"]:
+        return "What is missing cannot be told, as log and hold-out contradict each other"
     if content["as_good_as_it_gets"]:
         return "The model is as good as it gets here: nothing that was fitted closes much of the gap"
     if not first["effects"]:
@@ -169,7 +211,8 @@ def confounded(content: dict[str, Any]) -> str:
         if not likely:
             return "Of what this motion shows, nothing explains the log nearly as well as no effect."
         each = ", ".join(f"{words(name)} ({causes[name]['probability']:.2f})" for name in likely)
-        text = f"No effect is named; one that is small, or that shows little in this motion, may be there: {each}."
+        weak = "one that is small, or that shows little in this motion, may be there"
+        text = f"No effect is named; {'the log alone says' if content['contradicted'] else weak}: {each}."
         if len(likely) == 1:
             return text
         return (

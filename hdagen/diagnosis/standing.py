@@ -116,7 +116,7 @@ def doubted(
     """
     if decision.unknown:
         return decision, None
-    whole = motion.simulate(_whole(decision))
+    whole = motion.simulate(use_whole(decision))
     named = {int(name.partition("@")[2]) for name in said}
     left = leave_shares(motion.before, after, whole, motion.portion, named)
     joint, share = max(left.items(), key=lambda one: one[1], default=(0, 0.0))
@@ -172,7 +172,7 @@ def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alo
 
     """
     before, held = motion.before, motion.portion
-    left, others, base = (_left(before, one, held) for one in (alone, motion.flexible, motion.base))
+    left, others, base = (leave_errors(before, one, held) for one in (alone, motion.flexible, motion.base))
     at, share = max(left.items(), key=lambda one: one[1], default=(0, 1.0))
     beside = share / min(max(others.get(at, 0.0), LEAST), MOST)
     odds = decision.stated / max(1.0 - decision.stated, LEAST)
@@ -199,7 +199,7 @@ def _at_odds(decision: Decision, odds: float, joint: int) -> Decision:
     return replace(decided([*shared, *strange], decision.best), unseen=decision.unseen)
 
 
-def _whole(decision: Decision) -> Arm:
+def use_whole(decision: Decision) -> Arm:
     """The model where the best fit stands, with what it tolerates."""
     at = decision.best.design
     return at.shooting.arm.at(at.point.p)
@@ -211,12 +211,12 @@ def leave_shares(
     """The share of the errors ``before`` that is left at each joint, 0 where nothing is left that counts: what
     ``after`` or ``whole`` leaves, the less, but ``after`` where it closes next to nothing of a joint that is
     ``named``."""
-    said, tolerating = (_left(before, one, held) for one in (after, whole))
+    said, tolerating = (leave_errors(before, one, held) for one in (after, whole))
     alone = {j for j in named if said.get(j, 0.0) > NOTHING}
     return {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
 
 
-def _left(before: Replay, after: Replay, held: Portion) -> dict[int, float]:
+def leave_errors(before: Replay, after: Replay, held: Portion) -> dict[int, float]:
     """The share that is left of the errors of each joint: of its encoders', and of its torque sensor's if that erred,
     the smallest."""
     shares: dict[int, float] = {}
