@@ -56,6 +56,10 @@ FOUND = {
     "parameters": {},
     "tolerated": [],
     "small": [],
+    "remains": [],
+    "moments": [],
+    "contradicted": None,
+    "as_good_as_it_gets": False,
     "gap": {"before": 1.0, "after": 1.0, "floor": 1.0, "achievable": 1.0, "shrink": None, "interval": None},
 }
 

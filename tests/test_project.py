@@ -263,7 +263,8 @@ def imported(folder: str) -> set[str]:
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 found.add(node.module.partition(".")[0])
-    own = {"gen", "hdagen", *(path.stem for path in (ROOT / "tests").glob("*.py"))}
+    folders = (ROOT / "tests", ROOT / "docs" / "examples")
+    own = {"gen", "hdagen", *(path.stem for folder in folders for path in folder.glob("*.py"))}
     return found - own - sys.stdlib_module_names
 
 
