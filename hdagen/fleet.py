@@ -28,7 +28,7 @@ from hdagen.input_file import InputFileError, read_json, read_toml
 from hdagen.log import LogError, check_log
 from hdagen.names import shown, shown_path
 from hdagen.plant import PlantError, is_number
-from hdagen.verdict import LARGEST
+from hdagen.verdict import LARGEST, find_infinite
 from hdagen.whole import write_whole
 
 DIAGNOSE = (sys.executable, "-P", "-m", "hdagen", "diagnose")
@@ -225,7 +225,7 @@ def _diagnosis(folder: Path) -> dict[str, Any]:
     """What the diagnosis.json in ``folder`` holds. Raises InputFileError, and ValueError where it is none."""
     path = folder / "diagnosis.json"
     found = read_json(path, LARGEST, "diagnose again")
-    if not isinstance(found, dict) or found.get("schema") != SCHEMA or not _is_told(found):
+    if not isinstance(found, dict) or found.get("schema") != SCHEMA or not _is_told(found) or any(find_infinite(found)):
         raise ValueError(f"{path}: is no diagnosis of schema {SCHEMA}")
     return found
 

@@ -28,6 +28,7 @@ _POSITIONS = ("motor_position", "joint_position")
 _SLOWEST = 0.2  # s between rows; a control log is faster, so an undeclared unit is taken for ms, us or ns
 _FASTEST = 1e-6  # s
 _HUGE = 1e9  # SI; no channel of an arm reaches it
+_FARTHEST = 1e20  # s; stamps of any unit are nearer to the beginning of any clock
 _CHANGED = 0.1  # share of the rows with a repeated stamp that are rows of their own, where a clock is coarse
 _GAP = 1.75  # periods between rows that count as a gap: two where one row is missing, less a quarter of jitter
 
@@ -240,6 +241,12 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source
     if len(bad):
         return [
             f"{path}, {raw.place(int(bad[0]))}: time has no value there, {len(bad)} time(s) in all: delete these rows."
+        ]
+    far = np.flatnonzero(np.abs(time) > _FARTHEST)
+    if len(far):
+        return [
+            f"{path}, {raw.place(int(far[0]))}: time is {time[far[0]]:.3g} s, {len(far)} value(s) beyond "
+            f"±{_FARTHEST:g} s in all: memory that was never written? Delete these rows."
         ]
     problems = []
     declared = source is not None and bool(source.unit)

@@ -247,13 +247,21 @@ def read_content(path: Path) -> Mapping[str, Any]:
         raise PlantError(
             f"{shown_path(path)}: found {shown(content)}, possible is a JSON object; name a diagnosis.json."
         )
-    if (where := next(_infinite(content), None)) is not None:
+    if (where := next(find_infinite(content), None)) is not None:
         raise PlantError(f"{shown_path(path)}{printable(where):.200}")
     return content
 
 
-def _infinite(content: Mapping[str, Any]) -> Iterator[str]:
-    """Where numbers stand that are none: what is written is finite throughout."""
+def find_infinite(content: Mapping[str, Any]) -> Iterator[str]:
+    """Find numbers that are none.
+
+    Args:
+        content: of a JSON file.
+
+    Returns:
+        A sentence about where each stands: what is written is finite throughout.
+
+    """
     left: list[tuple[str, Any]] = [("", content)]
     while left:
         where, value = left.pop()

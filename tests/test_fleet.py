@@ -7,6 +7,7 @@ notes each call. A campaign runs the command itself on made logs.
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -156,6 +157,10 @@ def test_what_is_finished_is_kept_until_its_files_change(
     (tmp_path / "out" / "d" / "diagnosis.json").unlink()
     (tmp_path / "out" / "e" / "machine.json").write_text("{")
     assert again() == ["c", "d", "e", "f"]
+    path = tmp_path / "out" / "d" / "diagnosis.json"
+    told = json.loads(path.read_text())
+    path.write_text(json.dumps(told | {"gap": told["gap"] | {"shrink": -math.inf}}))
+    assert again() == ["c", "d", "f"]  # no number of a diagnosis is infinite
     (tmp_path / "arm.toml").write_text("another arm")
     assert again() == ["a", "b", "c", "d", "e", "f"]
     text = (tmp_path / "fleet.toml").read_text().replace('log = "a.csv"\n', 'log = "a.csv"\nhold_out = "d.csv"\n')

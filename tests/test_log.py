@@ -265,6 +265,10 @@ def test_every_bad_cell_and_row_is_named_and_the_rest_counted(tmp_path: Path) ->
         (lambda t: t * 1e6, 'looks like microseconds.*unit = "us"'),
         (lambda t: t * 1e9 + 1.7e18, 'looks like nanoseconds.*unit = "ns"'),
         (lambda t: t * 1e-5, "rows are 1e-08 s apart, faster than any control loop"),
+        (
+            lambda t: np.where(np.arange(8) == 7, 1e200, t),
+            "row 8 .line 9.: time is 1e.200 s, 1 value.*Delete these rows",
+        ),
         (lambda t: np.where(np.arange(8) == 3, np.nan, t), "row 4 .line 5.: time has no value there, 1 time"),
     ],
 )
