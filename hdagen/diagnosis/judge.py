@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from hdagen import verdict
@@ -61,8 +62,9 @@ class Judge:
     def settle(self, decision: Decision, last: UnseenMotion) -> Statement:
         """What is said of a decision as it stands on the motion; the gap is that on the ``last`` one. Raises
         PlantError."""
-        checked, judged_so = self.check(decision)
-        told = self.state(checked, last)
+        told, judged_so = self.check(decision)
+        if last is not self.motion:
+            told = self.state(told.decision, last)
         told.content.update(judged_so | {"contradicted": None})
         return told
 
@@ -73,19 +75,27 @@ class Judge:
         content |= {"doubted": None, "alone": self._list_direct(), "small": [], "contradicted": contradicted}
         return Statement(decision, content, self.plain, last.before)
 
-    def check(self, decision: Decision) -> tuple[Decision, dict[str, Any]]:
-        """The decision as it stands on the motion, and ``doubted``, ``alone`` and ``small`` of diagnosis.json. Raises
-        PlantError."""
+    def check(self, decision: Decision) -> tuple[Statement, dict[str, Any]]:
+        """What is said of the decision as it stands on the motion, and ``doubted``, ``alone`` and ``small`` of
+        diagnosis.json. Raises PlantError."""
         stated = self._with_direct(decision)
         fitted: dict[tuple[str, ...], Fitted] = {}
         for fit in best_first(self.found.fitted):
             fitted.setdefault(fit.names, fit)
         checked, doubt = doubted(stated.decision, fitted, stated.content["verdict"], self.motion, stated.after)
         if doubt:
-            checked = self._with_direct(checked).decision
+            stated = self._with_direct(checked)
         direct = [one.name for one in self.direct]
-        checked, small = drop_small_effects(checked, fitted, lambda one: self.state(one).content["gap"], direct)
-        return checked, {"doubted": doubt, "alone": self._list_direct(), "small": small}
+        measure = partial(self._measure, stated)
+        checked, small = drop_small_effects(stated.decision, fitted, measure, direct)
+        if small:
+            stated = self.state(checked)
+        return stated, {"doubted": doubt, "alone": self._list_direct(), "small": small}
+
+    def _measure(self, stated: Statement, decision: Decision) -> dict[str, Any]:
+        """The gap with a decision; of what is ``stated`` it is known."""
+        told = stated if decision is stated.decision else self.state(decision)
+        return dict(told.content["gap"])
 
     def _list_direct(self) -> list[dict[str, Any]]:
         """`alone` of diagnosis.json."""
