@@ -46,7 +46,7 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
         "where": [_where(entry, place.get(entry, "motor")) for entry in decision.verdict],
         "causes": causes,
         "hypotheses": [{"effects": list(h.names), "probability": h.probability} for h in decision.hypotheses],
-        "parameters": _base(best),
+        "parameters": estimate_base(best),
         "unseen": [name for name in unseen if name not in decision.verdict],
         "method": {
             "calibrated": not decision.lasting,  # sealed checks have too few such cases
@@ -125,13 +125,21 @@ def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
     there = [name for name in names if name in fit.names]
     atoms = {fit.design.words.atoms[k].name: k for k in fit.atoms}
     causes = [_cause(name, 1.0, estimates(fit, atoms[name]), []) for name in there]
-    said = {"schema": verdict.SCHEMA, "verdict": there, "causes": causes, "parameters": _base(fit)}
+    said = {"schema": verdict.SCHEMA, "verdict": there, "causes": causes, "parameters": estimate_base(fit)}
     return verdict.read(said)
 
 
-def _base(best: Fitted) -> dict[str, Any]:
-    """The base parameters as re-estimated with the verdict; no base is quite level, and what it leans, where no verdict
-    names that, is in gravity."""
+def estimate_base(best: Fitted) -> dict[str, Any]:
+    """The base parameters where a fit stands.
+
+    Args:
+        best: the fit of a set of effects, or of none.
+
+    Returns:
+        `parameters` of diagnosis.json. No base is quite level; what it leans, where no effect of the fit says that, is
+        in gravity.
+
+    """
     described, (_, covariance) = best.design.shooting.arm.parameters.described, best.posterior
     places = {name: k for k, name in enumerate(described)}
     free = [(k, c) for k, c in enumerate(best.design.words.columns) if c.atom not in best.atoms]

@@ -10,8 +10,9 @@ from typing import Any
 from hdagen import verdict
 from hdagen.diagnosis.beside import Sure, beside
 from hdagen.diagnosis.decide import Decision
-from hdagen.diagnosis.findings import findings
+from hdagen.diagnosis.findings import estimate_base, findings
 from hdagen.diagnosis.fitting import Fitted
+from hdagen.diagnosis.leading_set import lead_on_unseen_motion
 from hdagen.diagnosis.search import Search, best_first
 from hdagen.diagnosis.small_effects import drop_small_effects
 from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
@@ -47,7 +48,9 @@ class Judge:
         last of which the gap is measured. Raises PlantError."""
         motions = list(dict.fromkeys((self.motion, *further)))
         content = findings(self.found, decision)
-        arm, after = stands(self.plain, choose_model(self.arm, decision, content), content, motions)
+        none = next(fit for fit in best_first(self.found.fitted) if not fit.names)
+        model = choose_model(self.arm, decision, content)
+        arm, after = stands(self.plain, model, content, motions, estimate_base(none))
         return Statement(decision, content, arm, after)
 
     def name_known(self, strange: Decision) -> Decision | None:
@@ -55,7 +58,9 @@ class Judge:
         PlantError."""
         if not (without_it := known(strange)).verdict:
             return None
-        alone = self._with_direct(without_it)
+        alone = self._with_leading_set(without_it)
+        if alone.decision.best is not without_it.best and not alone.decision.beside:
+            strange = replace(strange, hypotheses=alone.decision.hypotheses, best=alone.decision.best)
         tried = borne_out(strange, alone.content["verdict"], self.motion, alone.after)
         return None if tried.unknown or outsized(alone.content) else tried
 
@@ -78,7 +83,7 @@ class Judge:
     def check(self, decision: Decision) -> tuple[Statement, dict[str, Any]]:
         """What is said of the decision as it stands on the motion, and ``doubted``, ``alone`` and ``small`` of
         diagnosis.json. Raises PlantError."""
-        stated = self._with_direct(decision)
+        stated = self._with_leading_set(decision)
         fitted: dict[tuple[str, ...], Fitted] = {}
         for fit in best_first(self.found.fitted):
             fitted.setdefault(fit.names, fit)
@@ -91,6 +96,12 @@ class Judge:
         if small:
             stated = self.state(checked)
         return stated, {"doubted": doubt, "alone": self._list_direct(), "small": small}
+
+    def _with_leading_set(self, decision: Decision) -> Statement:
+        """What is said with the effects that the log shows by themselves, of the set that leads on the motion."""
+        stated = self._with_direct(decision)
+        leading = lead_on_unseen_motion(stated.decision, partial(self._measure, stated))
+        return stated if leading is stated.decision else self._with_direct(leading)
 
     def _measure(self, stated: Statement, decision: Decision) -> dict[str, Any]:
         """The gap with a decision; of what is ``stated`` it is known."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 from hdagen import verdict
@@ -36,17 +37,25 @@ STEEPLY = 4.0  # power of what is left in the odds
 LEAST_ODDS = SURE / (1.0 - SURE)  # of something unknown where short windows say so: what is named is then not sure
 
 
-def stands(plain: Arm, named: Arm, content: dict[str, Any], motions: Sequence[UnseenMotion]) -> tuple[Arm, Replay]:
+def stands(
+    plain: Arm,
+    named: Arm,
+    content: dict[str, Any],
+    motions: Sequence[UnseenMotion],
+    alone: Mapping[str, Any] = MappingProxyType({}),
+) -> tuple[Arm, Replay]:
     """What of a verdict closes the gap on motion that no fit saw.
 
     Base parameters that spoil a verdict are withdrawn first, then the verdict; but that something unknown is at work
-    says of no motion.
+    says of no motion. Where it is, base parameters that were refitted with effects that are not named may be bent, and
+    those that were refitted alone close the gap.
 
     Args:
         plain: the robot file's model.
         named: the model with the verdict's effects.
         content: of diagnosis.json, which is told what stands, and the gap on the last of the motions.
         motions: each must be told better with the verdict.
+        alone: the base parameters as they are refitted with no effect, in the form of ``content``.
 
     Returns:
         The model that stands, and its replay of the last motion.
@@ -57,7 +66,8 @@ def stands(plain: Arm, named: Arm, content: dict[str, Any], motions: Sequence[Un
     """
     fitted: dict[str, Any] = content["parameters"]
     last = motions[-1]
-    for base in (fitted, {}):
+    bases = [fitted, dict(alone), {}] if verdict.read(content).unknown else [fitted, {}]
+    for base in bases:
         content["parameters"] = base
         said = verdict.read(content)
         arm = verdict.applied(named, said)[0]
