@@ -14,7 +14,8 @@ from hdagen.names import list_nearest
 from hdagen.opening import PlantError
 
 if TYPE_CHECKING:
-    from hdagen.plant import Arm, Array
+    from hdagen.compiled_model import CompiledModel
+    from hdagen.given import Array
 
 
 class UnknownParameter(PlantError, KeyError):
@@ -63,11 +64,11 @@ class Parameters(MutableMapping[str, float]):
     """The arm's parameters by name; setting one takes effect at the next call. Values outside the bounds are
     refused."""
 
-    def __init__(self, arm: Arm, described: dict[str, Parameter]) -> None:
+    def __init__(self, arm: CompiledModel, described: dict[str, Parameter]) -> None:
         self._arm, self.described = arm, described
         self._place = {name: k for k, name in enumerate(described)}
 
-    def of(self, arm: Arm) -> Parameters:
+    def of(self, arm: CompiledModel) -> Parameters:
         """Make the same mapping for another arm.
 
         Args:
