@@ -50,3 +50,17 @@ def torque_per_input(arm: Arm) -> Array:
     """
     names = [f"torque_constant_{j}" for j in range(1, arm.n + 1)]
     return np.array([arm.parameters[name] if name in arm.parameters.described else 1.0 for name in names])
+
+
+def torque_constant(arm: Arm, j: int) -> float:
+    """Read the torque constant of a motor from the robot file.
+
+    Args:
+        arm: The arm; its present parameters do not count.
+        j: The number of a joint whose input is a current.
+
+    Returns:
+        The torque constant, N m/A.
+
+    """
+    return arm.parameters.described[f"torque_constant_{j}"].nominal
