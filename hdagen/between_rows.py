@@ -21,10 +21,11 @@ from hdagen.plant import Arm, Array
 from hdagen.readings import joint_angles
 
 COMMANDS = "motor_current_command", "motor_torque_command"
-MOST = 20_000  # instants that are looked at
-SLOW = 0.02  # of the usual speed, at which a direction is half decided
-BLOCKS, SURE = 10, 3.0  # of time; standard errors over them
-ENDS = 3  # widths of the filter at each end of a log, in which it knows too little
+MOST = 20_000  # instants in the regression at most
+SLOW = 0.02  # share of the usual speed, at which tanh stands for half a direction
+# Blocks of time; standard errors over them from which a held input is significant
+BLOCKS, SURE = 10, 3.0
+ENDS = 3  # filter widths at each end of a log that are left out: the filter has too few rows there
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,12 @@ from hdagen.torques import full_torque
 if TYPE_CHECKING:
     from hdagen.plant import Arm, Array
 
-STABLE = 2.5  # of the decay, or of the oscillation, a step, with a margin
-BEYOND = 1.5  # times the robot file's own damping, which the build has looked at, up to which it counts for nothing
-POSES = 64
-LOADED = 1.25  # of the oscillation at full torque, a step: a joint at a wall is loaded beyond
+STABLE = 2.5  # largest rate times step, of a decay or an oscillation; RK4 is stable up to 2.78
+BEYOND = 1.5  # decay up to which no bound applies, over that of the robot file, which the build checks
+POSES = 64  # random poses over which the mass matrix is looked at
+LOADED = 1.25  # largest oscillation times step at full torque: a wall loads a joint beyond it
 TINY = 1e-3  # N m, below which a spring is at rest
-DEEP = 0.05  # rad or m: what takes half of the full torque within this depth is a stiff wall
+DEEP = 0.05  # rad or m; a wall that takes half of the full torque within this depth is stiff
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hdagen.stretches import stretches
 
-_RUN = 5  # rows in a row at the same extreme that count as saturated
+_RUN = 5  # consecutive rows at one extreme that count as saturated
 _STILL = 0.01  # rad or m; less is compliance and control error of a joint that is held
 _WINDOW = 0.015  # s, of the boxcar that smooths before differentiating
 
@@ -64,7 +64,15 @@ def describe(name: str, values: np.ndarray) -> Channel:
 
 
 def quantisation(levels: np.ndarray) -> float:
-    """Find the step whose multiples, from the first one, are the sorted ``levels``; 0 where there is none."""
+    """Find the quantisation step of a channel.
+
+    Args:
+        levels: (L,), the distinct values of the channel, sorted.
+
+    Returns:
+        The step whose multiples the levels are, counted from the first; 0 where there is none, or too few levels.
+
+    """
     if len(levels) < 5:
         return 0.0
     for rounding in (1e-7, 1e-9):  # float32 and text give one level several spellings, this far apart

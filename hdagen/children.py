@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-_WATCH = ("/bin/sh", "-c", "read -r end; kill -9 0")  # first of its process group: ends it when the pipe does
+# Leader of the process group; it kills the group when the pipe ends
+_WATCH = ("/bin/sh", "-c", "read -r end; kill -9 0")
 
 
 @contextmanager

@@ -15,19 +15,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WIDTH, ORDER = 7, 3  # rows of a window, and of the polynomial through them
-MOST = 3000  # windows that are looked at
-FEWEST = 20
-FINITE = 0.5  # share of values that a channel must have
-SURE = 4.0  # standard errors by which a clock must be better, or an uncertainty above nothing
-ACROSS = 6, 20  # rows to each side of one that may be missing: few part two that are near, many see through jitter
-BETTER = 0.04  # of the scatter's square, that a clock must take away at least
-FLOOR = 1e-3  # of a usual window's scatter, below which it is not counted
-WORTH = 1.0  # of a sensor's variance, that what is off in time must add to count
-SOUND = 0.9  # share of windows that must tell of the clock, else a channel says nothing of it
-CUT = 20.0  # times the usual scatter, from where a window tells of something else
-SLIGHT = 1e-3  # of a period: less is no jitter
-FOLLOWING = 0.5  # correlation of an instant's error with the one before, from where errors last
+WIDTH, ORDER = 7, 3  # rows of a window, and the order of the polynomial fitted to them
+MOST = 3000  # windows at most
+FEWEST = 20  # windows, rows or repeated stamps at least
+FINITE = 0.5  # share of finite values that a channel must have
+SURE = 4.0  # standard errors from which a clock is better, or an uncertainty is above 0
+# Rows of the median on each side of a missing row: few tell two that are near apart, many average jitter
+ACROSS = 6, 20
+BETTER = 0.04  # logarithm of the scatter (a variance) that a better clock takes away at least
+FLOOR = 1e-3  # share of a usual window's scatter that is added to each window's
+# Variance from uncertain instants over a sensor's own, from where the uncertainty counts
+WORTH = 1.0
+SOUND = 0.9  # share of windows that must be no outliers, else a channel is left out
+CUT = 20.0  # scatter over the usual one, from where a window is an outlier
+SLIGHT = 1e-3  # periods; less is no jitter
+FOLLOWING = 0.5  # correlation of an instant's error with the one before, from where errors persist
 REPEATS = 0.1  # share of stamps that repeat the one before, from where a clock is coarse
 LONG_PAUSE = 2.5  # periods between two rows of a window at most
 
@@ -161,7 +163,15 @@ def spread_repeated(stamps: np.ndarray) -> Clock | None:
 
 
 def even_instants(stamps: np.ndarray) -> np.ndarray:
-    """Fit even instants (T,), s, to ``stamps`` (T,), s, with gaps where rows are missing."""
+    """Fit even instants to stamps, with gaps where rows are missing.
+
+    Args:
+        stamps: (T,), not decreasing, s.
+
+    Returns:
+        (T,), the instants, s.
+
+    """
     count = len(stamps)
     tried = [np.arange(count), _counted_by_steps(stamps), *(_counted_by_level(stamps, rows) for rows in ACROSS)]
 
@@ -267,7 +277,7 @@ def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray, most: float) -
         good = (s2 < CUT * usual) | (s2 < v2 * most**2)
         if np.mean(good) < SOUND:
             continue
-        good &= v2 <= np.quantile(v2, SOUND)  # what is wrong now and then is fast, and would tell alone
+        good &= v2 <= np.quantile(v2, SOUND)  # a few wrong, fast windows would decide the slope alone
         X = np.column_stack([np.ones(np.count_nonzero(good)), v2[good]])
         weight = np.ones(len(X))
         for _ in range(4):  # the scatter of a variance goes with its size

@@ -1,11 +1,11 @@
 """Closed-loop replay: the controller that drove the machine drives the model, from the logged reference and the
 simulated encoders.
 
-controller.toml states for every joint the cascade of a position loop in a velocity loop,
+controller.toml states for every joint the cascade of a position loop in a velocity loop:
 
     command = torque_scale · clip(kv (kp (reference − position) − velocity), ± limit)
 
-with the velocity as the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average.
+The velocity is the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average.
 Source: Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), 1.3 and Fig. 2, where the average is over
 two rows.
 """
@@ -32,7 +32,7 @@ from hdagen.readings import Readings, mechanical
 from hdagen.replay import Replay, check, compare, window_starts
 
 _LARGEST = 100_000  # bytes of a controller.toml
-_REMEMBERED = 512  # rows of commands that input effects may still hold back
+_REMEMBERED = 512  # rows of commands before a window that start the input stage
 _MOST_SAMPLES = 1000
 
 

@@ -37,9 +37,9 @@ UNITS: dict[str, dict[str, float]] = {
     "tip_force_y": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
 }
 WHOLE_ARM = ("time", "tip_force_x", "tip_force_y")
-RAW_UNITS = ("V", "mV", "percent", "counts")  # of anything; a scale says what one of it is
-_SHOWN = 20  # absent columns that are named
-_COMPARED = 1000  # names that are held against one that is not there
+RAW_UNITS = ("V", "mV", "percent", "counts")  # units of any column that needs a scale
+_SHOWN = 20  # missing columns that are named
+_COMPARED = 1000  # names among which the nearest one is looked for
 _CELSIUS_ZERO = 273.15  # K
 _NAME = re.compile(r"(?P<base>[a-z_]+?)_(?P<joint>[1-9]\d?)")
 

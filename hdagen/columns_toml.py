@@ -126,7 +126,7 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 200
 
 
-# key -> (test of its value, what the value must be, a pattern of the columns that may have it)
+# key -> (test of its value, description of a right value, pattern of the columns that may have it)
 _KEYS: dict[str, tuple[Any, str, str]] = {
     "from": (_is_text, "the name of a column of the log", ""),
     "value": (_is_number, "a finite number", "_"),

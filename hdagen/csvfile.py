@@ -13,11 +13,11 @@ import numpy as np
 from hdagen.names import list_some
 from hdagen.table import MOST_CELLS, LogError, Table, check_cells, check_columns, first_line
 
-_HEAD = 1 << 20  # bytes in which the header must end, and every row
-_TAIL = 4096  # bytes at the end that are looked at
-_MOST_BAD = 10_000  # bad rows and cells, after which no more is looked at
-_CELL = 131_072  # characters of a cell, which Python's reader refuses beyond
-_SHOWN = 5  # bad rows named one by one; the rest is counted
+_HEAD = 1 << 20  # bytes within which the header must end, and every row
+_TAIL = 4096  # bytes at the end that are checked for zeros
+_MOST_BAD = 10_000  # bad rows and cells, after which reading stops
+_CELL = 131_072  # characters of a cell at most, by Python's reader
+_SHOWN = 5  # bad rows named one by one; the others are counted
 _NULLS = ("", "nan", "-nan", "NaN", "NAN", "Nan", "NA", "N/A", "#N/A", "null", "NULL", "None")
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|Inf|INF|infinity|Infinity)")
 _FOREIGN = {  # first bytes of other formats that get the wrong ending
@@ -222,7 +222,7 @@ def _diagnose(path: Path, layout: _Layout, wanted: list[int]) -> list[str]:
 
 
 def _of_ragged(path: Path, layout: _Layout, line: int, length: int) -> str:
-    """Say what is wrong with a row of ``length`` cells."""
+    """Describe a row of ``length`` cells, which is too long or too short."""
     width, hint = len(layout.names), "delete or complete the line"
     if layout.delimiter == "," and length > width:
         hint = "if the numbers have decimal commas, export with decimal points, or with semicolons between the columns"
@@ -230,7 +230,7 @@ def _of_ragged(path: Path, layout: _Layout, line: int, length: int) -> str:
 
 
 def _of_cell(path: Path, layout: _Layout, line: int, column: int, text: str) -> str:
-    """Say what is wrong with a cell that is no number."""
+    """Describe a cell that is no number."""
     hint = "correct or delete it (an empty cell means: no value)"
     if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", text):
         hint = "it has a decimal comma: export with decimal points, or with semicolons between the columns"

@@ -8,7 +8,7 @@ import numpy as np
 
 from hdagen.plant import Array
 
-ROWS = 5  # least, for each term of a fit
+ROWS = 5  # rows for each term of a fit at least
 TURN = 2 * np.pi
 
 

@@ -13,9 +13,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-DIGITS = 10  # that two spellings of a number share: a lumped inertia goes through a sum and a difference
+DIGITS = 10  # significant digits that count: a lumped inertia goes through a sum and a difference
 _LINK = ("kind", "length", "mass", "center_of_mass", "inertia", "drive")
-_INTEGRATION = ("friction_smoothing",)  # of a drive
+_INTEGRATION = ("friction_smoothing",)  # keys of a drive that belong to the integration
 
 
 def identity(robot: Mapping[str, Any]) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 from hdagen.log import Log, LogError
 
 PAUSE = 1.0  # s from the last row of a log to the first of the next: no window reaches over it
-ALIKE = 2.0  # ratio of periods up to which logs are taken together: a window has half its usual rows at least
+# Ratio of periods up to which logs are taken together: a window has half its usual rows at least
+ALIKE = 2.0
 
 
 def joined(logs: Sequence[Log]) -> Log:

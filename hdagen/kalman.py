@@ -1,8 +1,8 @@
 """Estimates of the arm's state at given rows, from the measurements up to each row and none later.
 
 A bank of extended Kalman filters runs over the last rows before each instant, the filters of all instants side by side.
-In a filter the model is driven by the log's inputs, by an extra torque at every motor and every flexible link, and,
-where a flexible joint has two encoders, by an error of the joint's one; these are Ornstein-Uhlenbeck processes. The
+In a filter the log's inputs drive the model, with an extra torque at every motor and every flexible link, and with an
+error of the joint's encoder where a flexible joint has two. These extras are Ornstein-Uhlenbeck processes. The
 filters of a bank differ in the size of these processes, and the one that predicted the rows best is taken: a right
 model is used to the full, and a wrong model or a late encoder hardly distorts the state. Extra torque and error end
 with the filter; a replay does not contain them.
@@ -24,20 +24,22 @@ from hdagen.together import together
 from hdagen.torques import full_torque, full_torsion
 
 HORIZON = 0.15  # s of rows that the filters see: a few times the memory of the most trusting one
-FEWEST, MOST = 12, 400  # rows of it
+FEWEST, MOST = 12, 400  # rows of the horizon
 # Standard deviations in each filter: of a motor's extra torque as a share of its input's bound, and of the joint
 # encoder's error as a share of the torsion at the torque of that bound.
 FILTERS = np.array(
     [(1e-2, 10), (1e-4, 10), (1e-2, 0.1), (1e-4, 0.1), (1e-6, 0), (1e-5, 0), (1e-4, 0), (1e-3, 0), (1e-2, 0), (1e-1, 0)]
 )  # the first row is linearised about the first filter, which trusts the model least
-LINK = 0.1  # a link's extra torque as a share of its motor's, seen at the joint
-MEMORY = 0.1  # s, over which extra torque and error come and go
+LINK = 0.1  # a link's extra torque as a share of its motor's, at the joint
+MEMORY = 0.1  # s, the correlation time of extra torques and encoder errors
 BURN_IN = 1 / 3  # share of the horizon in which a filter is not judged: it still forgets its initial state
-SLOPE = 8  # rows of the straight line that begins a filter
-TOGETHER = 16  # instants filtered at once, in a thread
-SHOWN = "motor_position", "motor_velocity", "joint_position", "joint_velocity"  # in the order of the compiled bank
-DOUBT = 0.2  # of a side of the gear that no channel shows: share of the torsion at full torque; 100 times that a second
-FREE = 6.0  # widths of the smooth sign from standstill, from where dry friction has no slope
+SLOPE = 8  # rows of the straight line from which a filter starts
+TOGETHER = 16  # instants that one call of a thread filters
+# In the order of the compiled bank
+SHOWN = "motor_position", "motor_velocity", "joint_position", "joint_velocity"
+# Share of the torsion at full torque, of a side of the gear that no channel shows; 100 times it a second
+DOUBT = 0.2
+FREE = 6.0  # widths of the smooth sign from standstill, beyond which dry friction has no slope
 
 
 def estimate(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Rows, hidden: Array) -> Array:

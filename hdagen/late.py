@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hdagen.plant import Arm, Array
 
 Rows = NDArray[np.intp]
-APART = 3.0  # times the usual time between rows, from where rows are not neighbours
+APART = 3.0  # usual steps between rows, from where rows are not neighbours
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,8 +29,9 @@ _SLOWEST = 0.2  # s between rows; a control log is faster, so an undeclared unit
 _FASTEST = 1e-6  # s
 _HUGE = 1e9  # SI; no channel of an arm reaches it
 _FARTHEST = 1e20  # s; stamps of any unit are nearer to the beginning of any clock
-_CHANGED = 0.1  # share of the rows with a repeated stamp that are rows of their own, where a clock is coarse
-_GAP = 1.75  # periods between rows that count as a gap: two where one row is missing, less a quarter of jitter
+# Share of rows with a repeated stamp that differ from the row before, where a clock is coarse
+_CHANGED = 0.1
+_GAP = 1.75  # periods between rows from where a row is missing: two, less a quarter for jitter
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,7 @@ class Log:
                 raise ValueError(f"column {name} has shape {values.shape}, time {self.time.shape}")
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Column ``name`` (or ``time``), shape (T,). Raises KeyError saying what there is."""
+        """The column ``name`` (or "time"), (T,). Raises KeyError with the names of the columns."""
         if name == "time":
             return self.time
         if name not in self.columns:

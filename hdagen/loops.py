@@ -22,7 +22,7 @@ from hdagen.sensors import Sensors, errors
 from hdagen.simulation import Push, find_start, forces
 from hdagen.torques import torque_per_input
 
-LATEST = 16  # ticks of delay, as the library holds them
+LATEST = 16  # ticks of delay at most, by the compiled library
 Judge = Callable[[Array, Array], Array]  # tip (T, W, 2, m) and torques sent (T, W, n, N m) -> (W, k)
 
 
@@ -125,7 +125,7 @@ class _Group:
         self.arm, self.number, self.x0, self.settings = arm, controller.number, x0, settings
         module = arm.module
         self.known = controller.arm.c.copy()
-        self.world = world  # push (T, 2), what the force sensor says of it (T, 2), noise of the encoders (T, 2n)
+        self.world = world  # push (T, 2), the force sensor's reading of it (T, 2), noise of the encoders (T, 2n)
         self.widest = module.length("loops_tick", "tip") // 2
         self.gains = module.length("loops_begin", "gains") // self.widest
         self.rows = np.zeros((len(rows), module.length("loops_tick", "reference")))

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 _LARGEST = 2 << 30  # bytes of a file
-_MEMORY = 3 << 29  # bytes of address space beyond what the libraries take
+_MEMORY = 3 << 29  # bytes of address space beyond that of the libraries
 _SECONDS = 60.0
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_FAILED = 3  # the child's exit code where the reader refused the file, its reason on standard error
-_MAX_COLUMNS = 4096  # of one matrix, or of one file
+_FAILED = 3  # the child's exit code where the reader refuses the file; the reason is on standard error
+_MAX_COLUMNS = 4096  # vectors of one matrix, or of one file
 
 
 def read_mat(path: Path | str, seconds: float = _SECONDS, memory: int = _MEMORY) -> dict[str, np.ndarray]:
@@ -70,7 +70,7 @@ def read_mat(path: Path | str, seconds: float = _SECONDS, memory: int = _MEMORY)
 
 
 def _run_child(path: Path, out: Path, reason: Path, seconds: float, memory: int) -> str | None:
-    """Read ``path`` into ``out`` in a child process; None, or what went wrong."""
+    """Read ``path`` into ``out`` in a child process; return a phrase on the problem, if any."""
     command = [
         sys.executable,
         "-I",

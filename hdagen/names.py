@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 _LONGEST = 80  # characters of a name
-_WANTED, _COMPARED = 20, 400  # names that are held against each other
-_LONGEST_PATH = 240  # characters of a path, of which the end tells more
+_WANTED, _COMPARED = 20, 400  # names that are compared with each other
+_LONGEST_PATH = 240  # characters of a path; its end is kept longer than its begin
 
 
 def printable(text: object) -> str:

@@ -23,8 +23,8 @@ from hdagen.ownership import find_other_writer
 SCHEMA = 1
 PROFILES = ("portable", "native")
 LONGEST = 4096  # bytes of a path
-PATIENCE = 5.0  # s, that an interrupted build has to put its things away
-MOST_LINES = 200  # of what is said
+PATIENCE = 5.0  # s that an interrupted build has to remove its files
+MOST_LINES = 200  # lines of an error
 
 
 class PlantError(Exception):
@@ -176,7 +176,7 @@ def _gen(*arguments: str) -> list[str]:
     """
     command = [sys.executable, "-P", "-m", "gen", *arguments]
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
-    # what it prints goes to a file: two pipes of which only one is read can each wait for the other
+    # its output goes to a file: of two pipes of which only one is read, each can wait for the other
     with (
         tempfile.TemporaryFile("w+") as printed,
         start_together(

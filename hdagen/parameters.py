@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class UnknownParameter(PlantError, KeyError):
-    """No parameter has that name: a PlantError to people, a KeyError to what treats the parameters as a mapping."""
+    """No parameter has that name: a PlantError for people, a KeyError for code that uses a mapping."""
 
     __str__ = Exception.__str__  # a KeyError would quote the sentence
 

@@ -18,9 +18,9 @@ from hdagen.plant import Arm, Array
 from hdagen.torques import full_torsion
 
 Rows = NDArray[np.intp]
-RECENT = 2000  # rows before an instant from which a channel's noise is read where robot.toml states no resolution
-BEYOND = 100.0  # times the speed that a state is meant for, from where it is no state of the arm
-_LEAST = 1e-9  # rad or m, of noise: a channel that has not moved yet shows none
+RECENT = 2000  # rows before an instant that show the noise of a channel without a stated resolution
+BEYOND = 100.0  # times the speed that the model is made for, beyond which it is no state of the arm
+_LEAST = 1e-9  # rad or m of noise at least: a channel that has not moved yet shows none
 
 
 def encoder_noise(sensor: Mapping[str, float], side: str) -> float:

@@ -12,7 +12,7 @@ from hdagen.plant import Arm, Array, PlantError
 
 MOST_ROWS = 10**8
 CLOSE = 1e-10  # m, of the inverse kinematics
-MOST_STEPS = 60
+MOST_STEPS = 60  # Newton steps of the inverse kinematics
 
 
 @dataclass(frozen=True)

@@ -27,14 +27,14 @@ from hdagen.suspicion.misread import misread
 from hdagen.table import Table
 from hdagen.triage import Triage, look
 
-SHORTEST = 1.0  # s
-_MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # findings whose repair leaves no choice
-_CONTRADICTED = "contradicted"  # a finding that is no more than a warning, and is repaired too
-_ROUNDS = 4  # one mistake can hide another
-_EMPTY = 0.5  # share of a column without a value from which the column is left out, not the rows
+SHORTEST = 1.0  # s of motion at least
+_MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # refused findings whose repair is unambiguous
+_CONTRADICTED = "contradicted"  # a warning that is repaired too
+_ROUNDS = 4  # rounds of repair at most, as one mistake can hide another
+_EMPTY = 0.5  # share of missing values from which a column is left out, not its rows
 _LOST = 0.1  # share of rows that may be missing
-_GAP = 0.01  # s without a row, over which a command cannot be taken as held
-_PERIODS = 3.5  # and at least as many periods
+_GAP = 0.01  # s without a row, over which a command is not taken as held
+_PERIODS = 3.5  # periods of such a gap at least
 _NEEDED = (
     ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque"),
     POSITIONS,

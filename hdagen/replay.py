@@ -25,12 +25,12 @@ from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import Readings, Rows, mechanical, memories, within
 from hdagen.torques import torque_constant
 
-WINDOW = 0.25  # s
-LEAST = 1e-3  # multiples of the noise, below which an error counts as this
-_ROUNDING = 1e-9  # of a window: a row that lies a rounding error before a boundary starts the next one
-_FIRST = 0.01  # s of rows that tell whether a log begins in motion
-_MOVING = 4.0  # times noise and bend of the path that the first speed must exceed by then
-_USUAL = 0.03  # share of the usual motion in as many rows that counts as none
+WINDOW = 0.25  # s, the length of a window
+LEAST = 1e-3  # multiples of the noise that an error counts as at least
+_ROUNDING = 1e-9  # share of a window: a row that lies a rounding error before a boundary starts the next one
+_FIRST = 0.01  # s of rows that show whether a log begins in motion
+_MOVING = 4.0  # times noise and curvature that the first speed moves a joint by then at least
+_USUAL = 0.03  # share of the usual motion in as many rows, below which a joint is at rest
 
 
 @dataclass(frozen=True, eq=False)

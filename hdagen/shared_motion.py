@@ -16,8 +16,9 @@ from hdagen.columns import split_name
 from hdagen.log import Log
 
 POSITIONS = ("motor_position", "joint_position")
-_EXACT = 0.25  # of a position's noise; two recordings differ by more in most rows, even by whole counts
-_STRETCH, _ALIKE = 100, 0.9  # rows in motion that are looked for together, and the share of them that must be found
+# Share of a position's noise; two recordings differ by more in most rows, even by whole counts
+_EXACT = 0.25
+_STRETCH, _ALIKE = 100, 0.9  # rows in motion of a stretch, and the share of them that must be found
 _LOOKS = 64  # stretches of a log that are looked for in another
 _TURN = 2 * np.pi
 
@@ -61,7 +62,7 @@ def shared_motion(one: Log, other: Log, noise: Mapping[str, float]) -> list[Shar
 
     Stretches of the log with fewer rows a second are looked for in the other one: rows that have, after the same times,
     the same measured positions to a part of their ``noise``, whole turns apart. At rest counts can be equal, so only
-    rows beside a change count. What is found is followed to both sides as far as rows are alike.
+    rows beside a change count. A stretch that is found is extended to both sides as far as rows are alike.
 
     Args:
         one: A log.

@@ -1,8 +1,8 @@
 """Simulation of a controller on the compiled arm, with its sensors: the log that a machine would write, and the truth.
 
 The arm has set-valued friction; the controller sees encoders with their noise and resolution, a force sensor with
-noise, and everything late by the delay. Row k of the log holds what was sampled at t_k and the command that was held
-from t_k to the next row.
+noise, and everything late by the delay. Row k of the log holds the samples of t_k and the command that was held from
+t_k to the next row.
 """
 
 from __future__ import annotations
@@ -127,11 +127,6 @@ def run(
 
     """
     _fitting_sizes(arm, controller, reference)
-    if reference.period != controller.guard.period:
-        raise PlantError(
-            f"the reference's period is {reference.period} s and the controller's {controller.guard.period} s; "
-            "make them equal."
-        )
     q0 = find_start(arm, reference, start)
     wanted = fitting(controller, reference, q0)
     rows, count = controller.rows(wanted), len(reference.position)
@@ -140,8 +135,7 @@ def run(
     if not isinstance(seed, int) or seed < 0:
         raise PlantError(f"the seed is a whole number from 0, not {seed}.")
     random = np.random.default_rng(seed)
-    noise = random.normal(size=(count, 2)) * scheme.force_noise
-    felt = push + noise
+    felt = push + random.normal(size=(count, 2)) * scheme.force_noise
     shaken = random.normal(size=(count, arm.n)) * np.asarray(scheme.current_noise)
     wobble = scheme.encoder_noise(count, seed)
     seen, state, torque, shown, status = _loop(
@@ -149,19 +143,23 @@ def run(
     )
     commanded = torque / torque_per_input(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
-    measured = shown + shaken
+    columns = _make_columns(arm, wanted, seen, commanded, shown + shaken)
+    columns["tip_force_x"], columns["tip_force_y"] = np.ascontiguousarray(felt.T)
+    log = Log(reference.time, columns, arm.n, f"simulated: {arm.robot['name']}, {controller.law}, seed {seed}")
+    beyond = int(np.any(truth["beyond_law"] > 0, axis=1).sum())
+    return Simulation(log, state, truth["tip"], truth["joint_torque"], torque, push, status, beyond)
+
+
+def _make_columns(arm: Arm, reference: Reference, seen: Array, commanded: Array, measured: Array) -> dict[str, Array]:
+    """The columns of the joints, from encoder readings (T, 2n) and commanded and measured inputs (T, n)."""
     columns: dict[str, Array] = {}
     for j in range(arm.n):
         kind = arm.input_names[j].rpartition("_")[0]
         columns[f"{kind}_command_{j + 1}"], columns[f"{kind}_{j + 1}"] = commanded[:, j], measured[:, j]
         columns[f"motor_position_{j + 1}"], columns[f"joint_position_{j + 1}"] = seen[:, j], seen[:, arm.n + j]
-        if wanted.space == "joint":
-            columns[f"joint_position_reference_{j + 1}"] = wanted.position[:, j]
-    columns["tip_force_x"], columns["tip_force_y"] = felt.T
-    columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
-    log = Log(reference.time, columns, arm.n, f"simulated: {arm.robot['name']}, {controller.law}, seed {seed}")
-    beyond = int(np.any(truth["beyond_law"] > 0, axis=1).sum())
-    return Simulation(log, state, truth["tip"], truth["joint_torque"], torque, push, status, beyond)
+        if reference.space == "joint":
+            columns[f"joint_position_reference_{j + 1}"] = reference.position[:, j]
+    return {name: np.ascontiguousarray(values) for name, values in columns.items()}
 
 
 def find_start(arm: Arm, reference: Reference, start: ArrayLike | None) -> Array:
@@ -199,6 +197,11 @@ def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> No
         raise PlantError(
             f"a {reference.space} motion takes finite position, velocity and acceleration ({width} entries a row each) "
             f"and at least one row, not the shapes {', '.join(str(part.shape) for part in parts)}."
+        )
+    if reference.period != controller.guard.period:
+        raise PlantError(
+            f"the reference's period is {reference.period} s and the controller's {controller.guard.period} s; "
+            "make them equal."
         )
 
 

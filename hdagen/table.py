@@ -14,11 +14,11 @@ import numpy as np
 from hdagen.names import list_some, printable, shown, shown_path
 from hdagen.whole import open_whole
 
-MOST_COLUMNS = 10_000  # of a file
+MOST_COLUMNS = 10_000  # columns of a file
 MOST_CELLS = 100_000_000  # rows times columns in use: an hour of 27 columns at 1 kHz
 _MOST_UNPACKED = 10 * MOST_CELLS  # bytes
 _MOST_FOOTER = 16 << 20  # bytes that describe the columns and row groups of a Parquet file
-_MOST_PROBLEMS = 100  # that are said
+_MOST_PROBLEMS = 100  # problems that are listed
 _SMALLER = "cut the log into shorter ones, or leave columns out with ignore in a columns.toml"
 _WRITTEN = (".csv", ".parquet")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")  # a column name that needs no quoting anywhere
@@ -122,7 +122,15 @@ def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
 
 
 def is_number(kind: Any) -> bool:
-    """Tell whether an Arrow type converts to float64: integers, floating point and Booleans do."""
+    """Tell whether an Arrow type converts to float64.
+
+    Args:
+        kind: The type.
+
+    Returns:
+        Whether it is one of integers, floating point or Booleans.
+
+    """
     import pyarrow as pa
 
     types = pa.types

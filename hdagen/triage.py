@@ -17,8 +17,8 @@ from hdagen.suspicion.finding import Finding, Machine, Severity
 __all__ = ["Finding", "Severity", "Triage", "look", "triage"]
 
 _MANY_DROPPED = 0.005, 0.2  # share of missing rows above which a log is warned of, and is refused
-_LONG_GAP = 0.25  # s; a window of the replay
-_SHORT = 1.0  # s
+_LONG_GAP = 0.25  # s, the length of a window of the replay
+_SHORT = 1.0  # s, below which a log is warned of
 _SLOW = 200.0  # Hz; joint resonances lie at 15 to 140 Hz
 _COSTS = (  # the cost of a channel that a joint does not have
     ("motor_position", "in a flexible joint, torsion, backlash and kinematic error cannot be told apart"),
