@@ -1,10 +1,10 @@
-"""What a measured current or torque does between the rows of a log: it is held, or it goes on.
+"""Interpolation of a measured current or torque between the rows of a log: held, or on a straight line.
 
-A loop that runs at the log's rate holds its output from row to row, and what is read in a row acted since the row
-before. A loop that runs faster than it is logged goes on between rows, and what is read is one instant of it: over the
-time between two rows the mean of both acts, and to take it as held is to drive the model half a period late. The motion
-tells which: the input is a sum of accelerations, speeds, directions and functions of angle, whose weights need not be
-known, and it is half a period earlier in one case than in the other.
+A loop that runs at the log's rate holds its output from row to row, and the value read in a row has acted since the row
+before. A loop that runs faster than the log changes its output between rows, and the value read is one instant of it:
+between two rows the mean of both acts, and a model driven by held values is half a period late. The motion tells the
+case: the input is a sum of accelerations, speeds, directions and functions of angle, with any weights, and it is half a
+period earlier in one case than in the other.
 
 Legend: T rows, K even instants, F regressors; h time between rows, s.
 """
@@ -21,52 +21,69 @@ from hdagen.plant import Arm, Array
 from hdagen.readings import joint_angles
 
 COMMANDS = "motor_current_command", "motor_torque_command"
-MOST = 20_000  # instants that are looked at
-SLOW = 0.02  # of the usual speed, at which a direction is half decided
-BLOCKS, SURE = 10, 3.0  # of time; standard errors over them
-ENDS = 3  # widths of the filter at each end of a log, in which it knows too little
+MOST = 20_000  # instants in the regression at most
+SLOW = 0.02  # share of the usual speed, at which tanh stands for half a direction
+# Blocks of time; standard errors over them from which a held input is significant
+BLOCKS, SURE = 10, 3.0
+ENDS = 3  # filter widths at each end of a log that are left out: the filter has too few rows there
 
 
 @dataclass(frozen=True)
 class BetweenRows:
-    """How a measured input is taken between rows: ``held`` since the row before, or else straight from row to row;
-    ``reason``, in words; ``uncertainty``: standard deviation of its mean from a row to the next, in its unit."""
+    """The interpolation of a measured input between rows.
+
+    Attributes:
+        held: Whether the value of a row has acted since the row before; else it goes straight from row to row.
+        reason: The reason, in words.
+        uncertainty: Standard deviation of the input's mean from a row to the next, in its unit.
+
+    """
 
     held: bool
     reason: str
     uncertainty: float
 
     def applied(self, values: Array) -> Array:
-        """What acts from each row to the next (T,) of an input that is read as ``values`` (T,)."""
+        """Compute the mean input from each row to the next.
+
+        Args:
+            values: (T,), the input as read in each row.
+
+        Returns:
+            (T,), the mean that acts from each row to the next, in the same unit.
+
+        """
         following = np.append(values[1:], values[-1])
-        return following if self.held else (values + following) / 2
+        if self.held:
+            return following
+        return (values + following) / 2
 
     @property
     def words(self) -> str:
-        """How it is taken, and why."""
-        taken = "as what acted before its row" if self.held else "on a straight line from row to row"
-        return f"taken {taken} ({self.reason})"
+        """The interpolation and its reason, in words."""
+        if self.held:
+            return f"taken as what acted before its row ({self.reason})"
+        return f"taken on a straight line from row to row ({self.reason})"
 
 
 def between_rows(arm: Arm, log: Log, joint: int, values: Array) -> BetweenRows:
-    """Judge by the motion whether the measured input ``values`` (T,) of a ``joint`` is held between rows.
+    """Judge by the motion whether the measured input of a joint is held between rows.
 
     Args:
-        arm: whose robot file says which torque a motion asks for; nothing that is fitted since counts.
-        log: positions by which the motion is known, times in s.
-        joint: its number, from 1.
-        values: the input as it is read in each row, A or N m (N).
+        arm: The arm; the torque that a motion requires comes from its robot file, not from its present parameters.
+        log: The log with the positions.
+        joint: The joint's number, from 1.
+        values: (T,), the input as read in each row, A or N m (N where prismatic).
 
     Returns:
-        Held where that is sure, else straight.
+        Held where that is significant, else straight.
 
     """
     command = next((log[name] for kind in COMMANDS if (name := f"{kind}_{joint}") in log), None)
     if command is not None:
-        is_held = _settles(values, command)
-        reason = (
-            "it shows the command of the row before" if is_held else "it does not show the command of the row before"
-        )
+        is_held, reason = _settles(values, command), "it does not show the command of the row before"
+        if is_held:
+            reason = "it shows the command of the row before"
     else:
         left = _unexplained(arm, log, joint, values)
         is_held, reason = _surely_held(left), "the log is too short to tell whether it was held"
@@ -74,14 +91,19 @@ def between_rows(arm: Arm, log: Log, joint: int, values: Array) -> BetweenRows:
             shares = np.sqrt(np.mean(left, 0))
             reason = f"held, the motion leaves {100 * shares[0]:.2g} % of it, straight {100 * shares[1]:.2g} %"
     white, strayed = noise(values), 0.0
-    if not is_held and len(values) > 2:  # at random, a path strays from the straight line by a 24th of how it bends
+    if is_held:
+        return BetweenRows(is_held, reason, float(np.sqrt(white**2)))
+    if len(values) > 2:  # a random path strays from the straight line by a 24th of its second difference's variance
         strayed = max(float(np.mean(np.diff(values, 2) ** 2)) - 6 * white**2, 0.0) / 24
-    return BetweenRows(is_held, reason, float(np.sqrt(white**2 / (1 if is_held else 2) + strayed)))
+    return BetweenRows(is_held, reason, float(np.sqrt(white**2 / 2 + strayed)))
 
 
 def _settles(values: Array, command: Array) -> bool:
-    """Whether what is read in a row, ``values`` (T,), is the ``command`` (T,) of the row before, more than what was
-    commanded half a row earlier or later: then the drive comes to its command within a row and holds it."""
+    """Whether the ``values`` (T,) read are the ``command`` (T,) of the row before.
+
+    They must be nearer to it than to the command half a row earlier or later: the drive then reaches its command within
+    a row and holds it.
+    """
     read, size = values[2:-1], float(command @ values) / max(float(command @ command), np.finfo(float).tiny)
     before, at, after = (size * command[k : k + len(read)] for k in range(3))
     off = [float(np.sum((read - one) ** 2)) for one in ((before + at) / 2, at, (at + after) / 2)]
@@ -89,8 +111,10 @@ def _settles(values: Array, command: Array) -> bool:
 
 
 def _surely_held(left: Array) -> bool:
-    """Whether what is ``left`` (BLOCKS, 2) if an input is held is surely less than if it is straight: a loop that runs
-    as slowly as it is logged is the exception."""
+    """Whether a held input leaves significantly less unexplained than a straight one, ``left`` (BLOCKS, 2).
+
+    Straight is the default: a loop that runs as slowly as it is logged is the exception.
+    """
     if not len(left):
         return False
     better = left[:, 1] - left[:, 0]
@@ -98,8 +122,10 @@ def _surely_held(left: Array) -> bool:
 
 
 def _unexplained(arm: Arm, log: Log, joint: int, values: Array) -> Array:
-    """Mean square that regressors of the motion leave of the input in blocks of time, if it is held and if it is
-    straight, as a share of the whole one's (BLOCKS, 2); empty where the log is too short to tell."""
+    """The share of the input's mean square that regressors of the motion leave, in blocks of time, (BLOCKS, 2).
+
+    The columns are for a held and for a straight input; empty where the log is too short to tell.
+    """
     grid = even(log.time)
     grid = Even(grid.time, grid.time)
     inside = slice(ENDS * grid.width, len(grid.time) - ENDS * grid.width, max(1, grid.width // 2, len(log) // MOST))
@@ -118,8 +144,11 @@ def _unexplained(arm: Arm, log: Log, joint: int, values: Array) -> Array:
 
 
 def _regressors(arm: Arm, log: Log, grid: Even, joint: int) -> Array:
-    """What a joint's input goes into (K, F): the torque that the robot file asks for, accelerations of all that is
-    measured, the joint's own speeds and directions, and functions of its angle."""
+    """Build the regressors of a joint's input (K, F).
+
+    They are the torque that the robot file's model requires, the joints' accelerations, the joint's own speeds and
+    directions, and functions of its angle.
+    """
     nominal = arm.at(np.array([q.nominal for q in arm.parameters.described.values()]))
 
     def once(values: Array) -> Array:

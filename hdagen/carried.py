@@ -1,10 +1,9 @@
-"""The step that RK4 carries: springs and walls oscillate, a dashpot d between rotor and link decays at
-d (1/M + 1/(N² J)).
+"""The longest step at which RK4 is stable for a flexible arm.
 
-RK4 carries a decay only up to 2.78 a step, and an oscillation up to 2.83. A robot file that its own step does not carry
-is refused at the build; a diagnosis or a user may ask for more damping afterwards, or for a spring in a drive that the
-file calls rigid, and would see the model fly apart. A stiff wall loads a joint beyond what its motor does, where a
-spring is many times as stiff.
+Springs and walls oscillate; a dashpot d between rotor and link decays at the rate d (1/M + 1/(N² J)). RK4 is stable up
+to a decay of 2.78 a step, and up to an oscillation of 2.83. The build refuses a robot file whose own step is too long.
+A diagnosis or a user may set more damping afterwards, or a spring in a drive that the file calls rigid; the model would
+then diverge. A stiff wall loads a joint beyond its motor's torque, where a spring is many times as stiff.
 
 Legend: d damping, N m s/rad; C compliance, rad/(N m); M, J inertia of link and rotor, kg m²; N ratio; p parameters
 (np).
@@ -23,20 +22,28 @@ from hdagen.torques import full_torque
 if TYPE_CHECKING:
     from hdagen.plant import Arm, Array
 
-STABLE = 2.5  # of the decay, or of the oscillation, a step, with a margin
-BEYOND = 1.5  # times the robot file's own damping, which the build has looked at, up to which it counts for nothing
-POSES = 64
-LOADED = 1.25  # of the oscillation at full torque, a step: a joint at a wall is loaded beyond
+STABLE = 2.5  # largest rate times step, of a decay or an oscillation; RK4 is stable up to 2.78
+BEYOND = 1.5  # decay up to which no bound applies, over that of the robot file, which the build checks
+POSES = 64  # random poses over which the mass matrix is looked at
+LOADED = 1.25  # largest oscillation times step at full torque: a wall loads a joint beyond it
 TINY = 1e-3  # N m, below which a spring is at rest
-DEEP = 0.05  # rad or m: what takes half of the full torque within this depth is a stiff wall
+DEEP = 0.05  # rad or m; a wall that takes half of the full torque within this depth is stiff
 
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """``places`` of the springs' damping in p; ``looseness`` 1/M + 1/(N² J) of each, the largest over poses,
-    1/(kg m²); ``usual``: the decay that the robot file's own damping makes at most, 1/s; ``missing``: of the springs
-    that the file does not have, which of those it is, and the places of C and of d beside it; ``walls``: places of
-    stiffnesses, from which on each is a stiff wall, and the looseness and the stiffness at full torque of its joint."""
+    """The bounds on the step of an arm.
+
+    Attributes:
+        places: Index in p of each spring's damping.
+        looseness: 1/M + 1/(N² J) of each spring, the largest over poses, 1/(kg m²).
+        usual: The fastest decay with the robot file's own damping, 1/s.
+        missing: For each spring that the file does not have: its number among the springs, and the indices in p of its
+            C and d.
+        walls: For each wall: the index in p of its stiffness, the stiffness from which it is a stiff wall, N m/rad,
+            and the looseness and the stiffness at full torque of its joint's spring.
+
+    """
 
     places: tuple[int, ...]
     looseness: Array
@@ -46,7 +53,15 @@ class Carried:
 
     @classmethod
     def of(cls, arm: Arm) -> Carried:
-        """That of an arm as its robot file describes it."""
+        """Compute the bounds of an arm from its robot file.
+
+        Args:
+            arm: The arm; its present parameters do not count.
+
+        Returns:
+            The bounds; without any in a rigid arm.
+
+        """
         flexible, described = arm.manifest["flexible"], arm.parameters.described
         if not flexible:
             return cls((), np.zeros(0), 0.0, (), ())
@@ -73,10 +88,21 @@ class Carried:
         return cls(places, looseness, float(looseness @ nominal[list(places)]), missing, tuple(walls))
 
     def longest(self, p: Array) -> float:
-        """What RK4 carries with parameters ``p``, s: the joints' decays are added, which bounds the fastest, and so are
-        squares of the oscillations that no file has looked at; inf where neither is beyond the robot file's own."""
-        decay = float(self.looseness @ p[list(self.places)])
-        step = STABLE / decay if decay > BEYOND * self.usual else np.inf
+        """Bound the step by the parameters.
+
+        The joints' decays are added, which bounds the fastest one; so are the squares of the oscillations that the
+        build has not checked.
+
+        Args:
+            p: (np), the parameters.
+
+        Returns:
+            The longest stable step, s; inf where the parameters are no faster than the robot file's own.
+
+        """
+        decay, step = float(self.looseness @ p[list(self.places)]), np.inf
+        if decay > BEYOND * self.usual:
+            step = STABLE / decay
         for place, stiff, loose, stiffness in self.walls:
             if p[place] >= stiff:
                 step = min(step, LOADED / float(np.sqrt(loose * (stiffness + p[place]))))
@@ -88,13 +114,33 @@ class Carried:
         return min(step, STABLE / fastest)
 
     def loaded(self, arm: Arm, load: Array) -> float:
-        """What RK4 carries with the springs at a load (n), N m, s: they stiffen. The squares of the oscillations are
-        added, which bounds the fastest; inf in an arm without springs."""
+        """Bound the step by springs that stiffen under load.
+
+        The squares of the oscillations are added, which bounds the fastest one.
+
+        Args:
+            arm: The arm.
+            load: (n), the joints' torques, N m.
+
+        Returns:
+            The longest stable step, s; inf in an arm without springs.
+
+        """
         fastest = float(np.sqrt(self.looseness @ _stiffness(arm, load)))
-        return STABLE / fastest if fastest > 0.0 else np.inf
+        if fastest <= 0.0:
+            return np.inf
+        return STABLE / fastest
 
     def springs(self, step: float) -> dict[int, tuple[float, float]]:
-        """Within which the C and d, by place, of each spring that the file does not have lie for a ``step``, s."""
+        """Bound the springs that the robot file does not have, so that a step is stable.
+
+        Args:
+            step: The step, s.
+
+        Returns:
+            By index in p: the lower and upper bound of C, rad/(N m), and of d, N m s/rad.
+
+        """
         bounds = {}
         for which, compliance, damping in self.missing:
             loose = float(self.looseness[which])
@@ -104,7 +150,7 @@ class Carried:
 
 
 def _stiffness(arm: Arm, load: Array) -> Array:
-    """Of the springs, each at its torque of ``load`` (n), N m/rad."""
+    """The stiffness of each spring at its joint's torque in ``load`` (n, N m), N m/rad."""
     flexible = [j - 1 for j in arm.manifest["flexible"]]
     torques = np.maximum(np.abs(load), TINY)
     ends = [arm.evaluate("torsion", joint_torque=share * torques)["torsion"] for share in (0.99, 1.0)]

@@ -9,15 +9,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-_WATCH = ("/bin/sh", "-c", "read -r end; kill -9 0")  # first of its process group: ends it when the pipe does
+# Leader of the process group; it kills the group when the pipe ends
+_WATCH = ("/bin/sh", "-c", "read -r end; kill -9 0")
 
 
 @contextmanager
 def start_together(command: Sequence[str], **how: Any) -> Iterator[subprocess.Popen[Any]]:
     """Start a child process in a process group of its own, which is killed when the block ends.
 
-    The group is killed as well when this process dies without a word: a shell in it waits for the end of a pipe that
-    only this process holds. An interrupt from the keyboard does not reach the group.
+    The group is killed as well when this process is killed: a shell in it waits for the end of a pipe that only this
+    process holds. An interrupt from the keyboard does not reach the group.
 
     Args:
         command: The program and its arguments.
@@ -27,7 +28,7 @@ def start_together(command: Sequence[str], **how: Any) -> Iterator[subprocess.Po
         The child.
 
     Raises:
-        OSError: It cannot be started.
+        OSError: The child cannot be started.
 
     """
     with subprocess.Popen(_WATCH, stdin=subprocess.PIPE, process_group=0) as watch:

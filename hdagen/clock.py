@@ -1,9 +1,9 @@
 """The instants of a log's rows: as they are stamped, or evenly spaced, whichever makes the encoders' paths smoother.
 
-A logger that stamps rows when it comes to write them says less of when a machine sampled them than counting does.
-Short cubics are laid through the angles, against the stamps and against even time; an angle that moves strays from them
-by its speed times what an instant is off. The better clock is taken, and what its instants are still off is a noise of
-every angle: its speed times their standard deviation.
+A logger that stamps rows when it writes them tells the sampling instants less well than counting rows does. Short
+cubics are fitted to the angles, against the stamps and against even time; a moving angle strays from them by its speed
+times the error of the instant. The better clock is taken. The error that its instants still have is a noise of every
+angle: the angle's speed times their standard deviation.
 
 Legend: T rows, h period, s; K short windows of WIDTH rows, M channels.
 """
@@ -15,27 +15,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WIDTH, ORDER = 7, 3  # rows of a window, and of the polynomial through them
-MOST = 3000  # windows that are looked at
-FEWEST = 20
-FINITE = 0.5  # share of values that a channel must have
-SURE = 4.0  # standard errors by which a clock must be better, or an uncertainty above nothing
-ACROSS = 6, 20  # rows to each side of one that may be missing: few part two that are near, many see through jitter
-BETTER = 0.04  # of the scatter's square, that a clock must take away at least
-FLOOR = 1e-3  # of a usual window's scatter, below which it is not counted
-WORTH = 1.0  # of a sensor's variance, that what is off in time must add to count
-SOUND = 0.9  # share of windows that must tell of the clock, else a channel says nothing of it
-CUT = 20.0  # times the usual scatter, from where a window tells of something else
-SLIGHT = 1e-3  # of a period: less is no jitter
-FOLLOWING = 0.5  # correlation of an instant's error with the one before, from where errors last
+WIDTH, ORDER = 7, 3  # rows of a window, and the order of the polynomial fitted to them
+MOST = 3000  # windows at most
+FEWEST = 20  # windows, rows or repeated stamps at least
+FINITE = 0.5  # share of finite values that a channel must have
+SURE = 4.0  # standard errors from which a clock is better, or an uncertainty is above 0
+# Rows of the median on each side of a missing row: few tell two that are near apart, many average jitter
+ACROSS = 6, 20
+BETTER = 0.04  # logarithm of the scatter (a variance) that a better clock takes away at least
+FLOOR = 1e-3  # share of a usual window's scatter that is added to each window's
+# Variance from uncertain instants over a sensor's own, from where the uncertainty counts
+WORTH = 1.0
+SOUND = 0.9  # share of windows that must be no outliers, else a channel is left out
+CUT = 20.0  # scatter over the usual one, from where a window is an outlier
+SLIGHT = 1e-3  # periods; less is no jitter
+FOLLOWING = 0.5  # correlation of an instant's error with the one before, from where errors persist
 REPEATS = 0.1  # share of stamps that repeat the one before, from where a clock is coarse
 LONG_PAUSE = 2.5  # periods between two rows of a window at most
 
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """``time`` (T,): instants of the rows, s; ``uncertainty``: their standard deviation, s; ``note``: a sentence on
-    what was done, empty where the stamps stand and tell all."""
+    """The instants of a log's rows.
+
+    Attributes:
+        time: (T,), s.
+        uncertainty: Their standard deviation, s.
+        note: A sentence on the choice; empty where the stamps are taken and seem exact.
+
+    """
 
     time: np.ndarray
     uncertainty: float = 0.0
@@ -43,22 +51,32 @@ class Clock:
 
 
 def clock_noise(time: np.ndarray, values: np.ndarray, uncertainty: float) -> np.ndarray:
-    """What an ``uncertainty`` of the instants ``time`` (T,), s, makes of an angle ``values`` (T,): the standard
-    deviation (T,) in its unit, its speed times that."""
+    """Compute the noise of an angle that uncertain instants cause.
+
+    Args:
+        time: (T,), the instants, s.
+        values: (T,), the angle, rad or m.
+        uncertainty: Standard deviation of an instant, s.
+
+    Returns:
+        (T,): standard deviation of the angle, its speed times that of an instant.
+
+    """
     if not uncertainty or len(values) < 2:
         return np.zeros(len(values))
     return np.asarray(uncertainty * np.abs(np.gradient(values, time)))
 
 
 def judge_clock(stamps: np.ndarray, positions: Mapping[str, np.ndarray]) -> Clock:
-    """The better clock of a log by its encoders.
+    """Choose between the stamps of a log and even time by the smoothness of its encoders' paths.
 
     Args:
-        stamps: (T,) increasing, s.
-        positions: (T,) each by name, rad or m.
+        stamps: (T,), increasing, s.
+        positions: (T,) each, by name, rad or m.
 
     Returns:
-        Even instants where the paths are smoother on them, else the stamps; and what the paths say they are still off.
+        Even instants where the paths are smoother on them, else the stamps; with the error of an instant that the
+        paths still show.
 
     """
     even = even_instants(stamps)
@@ -75,22 +93,31 @@ def judge_clock(stamps: np.ndarray, positions: Mapping[str, np.ndarray]) -> Cloc
     is_even = _smoother(counted[0], stamped[0])
     if not is_even and not _smoother(stamped[0], counted[0]):
         is_even = _jitters(stamps, even)
-    uncertainty = _uncertainty(*(counted if is_even else stamped), 0.5 * _period(even))
-    jitter = float(np.std(stamps - even))
-    left = f"; what is left of {1e6 * uncertainty:.3g} us counts as noise" if uncertainty else ""
+    most = 0.5 * _period(even)
     if is_even:
+        uncertainty = _uncertainty(*counted, most)
         better = float(np.exp(0.5 * np.mean(_log_ratio(stamped[0], counted[0]))))
-        note = (
-            f"The stamps jitter by {1e6 * jitter:.3g} us about an even period of {1e3 * _period(even):.4g} ms; the "
-            f"encoders' paths are {better:.3g} times as smooth against even time, which is taken{left}."
-        )
-        return Clock(even, uncertainty, note)
+        return Clock(even, uncertainty, _note_even_time(stamps, even, better, uncertainty))
+    uncertainty = _uncertainty(*stamped, most)
+    if not uncertainty:
+        return Clock(stamps, uncertainty)
     note = f"The encoders' paths stray as if stamps were off by {1e6 * uncertainty:.3g} us, which counts as noise."
-    return Clock(stamps, uncertainty, note if uncertainty else "")
+    return Clock(stamps, uncertainty, note)
+
+
+def _note_even_time(stamps: np.ndarray, even: np.ndarray, better: float, uncertainty: float) -> str:
+    """Say that even time is taken, against which paths are ``better`` times as smooth."""
+    jitter, left = float(np.std(stamps - even)), ""
+    if uncertainty:
+        left = f"; what is left of {1e6 * uncertainty:.3g} us counts as noise"
+    return (
+        f"The stamps jitter by {1e6 * jitter:.3g} us about an even period of {1e3 * _period(even):.4g} ms; the "
+        f"encoders' paths are {better:.3g} times as smooth against even time, which is taken{left}."
+    )
 
 
 def _by_stamps_alone(stamps: np.ndarray, even: np.ndarray) -> Clock:
-    """The clock of a log whose encoders tell nothing."""
+    """Choose the clock of a log whose encoders do not tell it: even time where the stamps jitter."""
     if not _jitters(stamps, even):
         return Clock(stamps)
     note = (
@@ -101,7 +128,7 @@ def _by_stamps_alone(stamps: np.ndarray, even: np.ndarray) -> Clock:
 
 
 def _jitters(stamps: np.ndarray, even: np.ndarray) -> bool:
-    """Whether stamps stray from even instants each by itself, as a logger's do: a machine that is late stays late."""
+    """Whether stamps stray from even instants independently, as a logger's do; a machine that is late stays late."""
     off = stamps - even - np.median(stamps - even)
     usual = float(np.median(np.abs(off)))
     if len(off) < FEWEST or usual < SLIGHT * _period(even):
@@ -111,8 +138,15 @@ def _jitters(stamps: np.ndarray, even: np.ndarray) -> bool:
 
 
 def spread_repeated(stamps: np.ndarray) -> Clock | None:
-    """Even instants for rows whose ``stamps`` (T,), s, repeat as their clock is coarser than the rows are apart; None
-    where stamps do not repeat so, or the rows are not even."""
+    """Spread rows evenly whose stamps repeat because their clock is coarse.
+
+    Args:
+        stamps: (T,), not decreasing, s.
+
+    Returns:
+        Even instants; None where the stamps do not repeat in this way, or the rows are not even.
+
+    """
     steps = np.diff(stamps)
     moved = steps[steps > 0]
     if np.count_nonzero(steps == 0) < max(FEWEST, REPEATS * len(steps)) or not len(moved):
@@ -129,7 +163,15 @@ def spread_repeated(stamps: np.ndarray) -> Clock | None:
 
 
 def even_instants(stamps: np.ndarray) -> np.ndarray:
-    """Even instants (T,), s, that are nearest to ``stamps`` (T,), with rows left out where some are missing."""
+    """Fit even instants to stamps, with gaps where rows are missing.
+
+    Args:
+        stamps: (T,), not decreasing, s.
+
+    Returns:
+        (T,), the instants, s.
+
+    """
     count = len(stamps)
     tried = [np.arange(count), _counted_by_steps(stamps), *(_counted_by_level(stamps, rows) for rows in ACROSS)]
 
@@ -153,15 +195,17 @@ def _line(numbers: np.ndarray, stamps: np.ndarray) -> np.ndarray:
 
 
 def _counted_by_steps(stamps: np.ndarray) -> np.ndarray:
-    """Row numbers (T,) by how many usual steps lie between two rows."""
+    """Number the rows (T,) by the count of usual steps between one row and the next."""
     steps = np.diff(stamps)
     usual = float(np.median(steps)) or 1.0
     return np.append(0, np.cumsum(np.maximum(np.rint(steps / usual), 1)))
 
 
 def _counted_by_level(stamps: np.ndarray, across: int) -> np.ndarray:
-    """Row numbers (T,) where stamps jitter by as much as rows are apart: behind a missing row all stamps are later, and
-    their median over ``across`` rows tells."""
+    """Number the rows (T,) where stamps jitter by as much as rows are apart.
+
+    Behind a missing row all stamps are later, which the median over ``across`` rows shows.
+    """
     count = len(stamps)
     if count <= 4 * across:
         return np.arange(count)
@@ -185,7 +229,7 @@ def _period(even: np.ndarray) -> float:
 
 
 def _windows(even: np.ndarray) -> np.ndarray:
-    """First rows (K,) of windows without a long pause, none of which share a row, evenly over the log."""
+    """Choose the first rows (K,) of windows without a long pause, disjoint and spread evenly over the log."""
     first = np.arange(0, len(even) - WIDTH + 1, WIDTH)
     if not len(first):
         return first
@@ -195,7 +239,7 @@ def _windows(even: np.ndarray) -> np.ndarray:
 
 
 def _scatter(time: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of ``seen`` (K, WIDTH, M) about polynomials in ``time`` (K, WIDTH), and squared speed (K, M)."""
+    """Fit polynomials in ``time`` (K, WIDTH) to ``seen`` (K, WIDTH, M): residual variance and squared speed (K, M)."""
     middle = time.mean(1, keepdims=True)
     size = np.ptp(time, axis=1)[:, None] / 2
     powers = ((time - middle) / size)[..., None] ** np.arange(ORDER + 1)
@@ -207,7 +251,7 @@ def _scatter(time: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _log_ratio(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Logarithms of the scatter in windows against one clock over that against another (K,), all channels together."""
+    """The mean over channels of the logarithm of one clock's scatter over another's, (K,) by window."""
     least = FLOOR * np.maximum(np.median(one, 0), np.median(other, 0)) + np.finfo(float).tiny
     return np.asarray(np.log((one + least) / (other + least)).mean(1))
 
@@ -220,8 +264,11 @@ def _smoother(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray, most: float) -> float:
-    """Standard deviation of an instant, s: the root of how the scatter (K, M) grows with the squared speed; 0 where
-    that is not sure, little beside what the sensors scatter by themselves, or above ``most``, which is no clock's."""
+    """Estimate the standard deviation of an instant, s, from the growth of the scatter (K, M) with the squared speed.
+
+    It is 0 where the growth is not significant, small beside the sensors' own scatter, or above ``most``, which is more
+    than a clock's.
+    """
     slopes, errors, shares = [], [], []
     for s2, v2 in zip(variance.T, squared_speed.T, strict=True):
         if np.mean(s2) < 1e-100:  # an encoder that does not scatter tells nothing, and its weight would be infinite
@@ -230,7 +277,7 @@ def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray, most: float) -
         good = (s2 < CUT * usual) | (s2 < v2 * most**2)
         if np.mean(good) < SOUND:
             continue
-        good &= v2 <= np.quantile(v2, SOUND)  # what is wrong now and then is fast, and would tell alone
+        good &= v2 <= np.quantile(v2, SOUND)  # a few wrong, fast windows would decide the slope alone
         X = np.column_stack([np.ones(np.count_nonzero(good)), v2[good]])
         weight = np.ones(len(X))
         for _ in range(4):  # the scatter of a variance goes with its size
@@ -248,5 +295,6 @@ def _uncertainty(variance: np.ndarray, squared_speed: np.ndarray, most: float) -
         return 0.0
     weights = 1.0 / np.array(errors) ** 2
     mean = float(np.average(slopes, weights=weights))
-    sure = SURE / float(np.sqrt(weights.sum())) < mean < most**2 and max(shares) > WORTH
-    return float(np.sqrt(mean)) if sure else 0.0
+    if SURE / float(np.sqrt(weights.sum())) < mean < most**2 and max(shares) > WORTH:
+        return float(np.sqrt(mean))
+    return 0.0

@@ -1,11 +1,11 @@
 """Closed-loop replay: the controller that drove the machine drives the model, from the logged reference and the
 simulated encoders.
 
-controller.toml states for every joint the cascade of a position loop in a velocity loop,
+controller.toml states for every joint the cascade of a position loop in a velocity loop:
 
     command = torque_scale · clip(kv (kp (reference − position) − velocity), ± limit)
 
-with the velocity as the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average.
+The velocity is the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average.
 Source: Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), 1.3 and Fig. 2, where the average is over
 two rows.
 """
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from hdagen.channels import describe
+from hdagen.driving_inputs import acted_on, driven_by
 from hdagen.input_file import InputFileError, read_toml
 from hdagen.input_stage import InputStage
 from hdagen.kalman import estimate
@@ -28,17 +29,26 @@ from hdagen.log import Log, LogError
 from hdagen.names import shown, shown_path
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.readings import Readings, mechanical
-from hdagen.replay import Replay, acted_on, check, compare, driven_by, window_starts
+from hdagen.replay import Replay, check, compare, window_starts
 
 _LARGEST = 100_000  # bytes of a controller.toml
-_REMEMBERED = 512  # rows of commands that input effects may still hold back
+_REMEMBERED = 512  # rows of commands before a window that start the input stage
 _MOST_SAMPLES = 1000
 
 
 @dataclass(frozen=True)
 class Law:
-    """The law of one joint: ``kp`` 1/s, ``kv`` in the command's unit a rad/s (m/s) before ``torque_scale``, ``limit``
-    of the command before it, ``encoder`` "joint" or "motor" (its angle over the ratio)."""
+    """The law of one joint.
+
+    Attributes:
+        kp: Gain of the position loop, 1/s.
+        kv: Gain of the velocity loop, the command's unit before ``torque_scale`` a rad/s (m/s).
+        velocity_filter_samples: Rows over which the velocity is the mean rate.
+        torque_scale: Factor on the command.
+        limit: Largest command before ``torque_scale``.
+        encoder: "joint", or "motor" (its angle over the ratio).
+
+    """
 
     kp: float
     kv: float
@@ -49,7 +59,18 @@ class Law:
 
 
 def read_controller(path: str | Path) -> tuple[Law, ...]:
-    """The laws of a controller.toml, one a [[joint]], base first. Raises PlantError with every problem."""
+    """Read the laws of a controller.toml.
+
+    Args:
+        path: The file.
+
+    Returns:
+        One law a [[joint]], base first.
+
+    Raises:
+        PlantError: The file cannot be used; every problem is listed.
+
+    """
     try:
         content = read_toml(Path(path), _LARGEST, "see docs/replay.md for what a controller.toml holds")
     except InputFileError as error:
@@ -91,14 +112,27 @@ def _law(where: str, table: Mapping[str, Any], problems: list[str]) -> Law | Non
             low, high = known[key]
             problems.append(f"{where}, {key}: found {shown(value)}, possible is a number from {low:g} to {high:g}.")
     problems += [f"{where}: {key} is missing; state it." for key in ("kp", "kv") if key not in table]
-    return Law(**table) if len(problems) == before else None
+    if len(problems) > before:
+        return None
+    return Law(**table)
 
 
 def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.inf) -> Replay:
-    """Replay ``log`` with ``laws`` closing the loop around ``arm``; by default the whole log is one window.
+    """Replay a log with control laws that close the loop around the arm.
 
-    The result's columns hold the commands too. Raises LogError where the log has no reference, PlantError for laws that
-    do not fit.
+    Args:
+        arm: The arm.
+        log: The log, with the joints' references.
+        laws: One law a joint.
+        window: The length of a window, s; inf: the whole log.
+
+    Returns:
+        The replay; its columns hold the commands too.
+
+    Raises:
+        LogError: The log has no reference, or does not fit the arm.
+        PlantError: The laws do not fit the arm, or the loop leaves all bounds.
+
     """
     check(arm, log)
     _fits(arm, log, laws)
@@ -139,24 +173,25 @@ def _fits(arm: Arm, log: Log, laws: tuple[Law, ...]) -> None:
 
 
 class _Joint:
-    """One joint's law at work: its encoder's readings so far (as measured before the window), in rad or m at the
-    joint."""
+    """The controller of one joint, with its encoder's readings in rad or m at the joint, as measured before the
+    window."""
 
     def __init__(self, arm: Arm, log: Log, j: int, law: Law) -> None:
         ratio = arm.parameters[f"ratio_{j}"]
         self.law, self.time, self.period = law, log.time.tolist(), log.period
         self.reference = log[f"joint_position_reference_{j}"].tolist()
-        name = f"{law.encoder}_position_{j}"
-        if name not in log:
-            name = f"{'joint' if law.encoder == 'motor' else 'motor'}_position_{j}"
-        self.seen = (log[name] / (ratio if name.startswith("motor") else 1.0)).tolist()
-        self.unit = ratio if law.encoder == "motor" else 1.0
+        units = {"motor": ratio, "joint": 1.0}
+        self.unit = units[law.encoder]
+        side = next(one for one in (law.encoder, *units) if f"{one}_position_{j}" in log)
+        self.seen = (log[f"{side}_position_{j}"] / units[side]).tolist()
         self.step = float(arm.robot["joints"][j - 1]["sensor"][f"{law.encoder}_encoder_resolution"])
 
     def command(self, row: int, angle: float) -> float:
         """The command of ``row``, where the encoder's side stands at ``angle``."""
         law = self.law
-        self.seen[row] = (round(angle / self.step) * self.step if self.step else angle) / self.unit
+        if self.step:
+            angle = round(angle / self.step) * self.step
+        self.seen[row] = angle / self.unit
         back = max(row - law.velocity_filter_samples, 0)
         missing = back - row + law.velocity_filter_samples  # rows before the log's first, in which it stood still
         span = self.time[row] - self.time[back] + missing * self.period
@@ -166,7 +201,7 @@ class _Joint:
 
 
 def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, states: Array, inputs: Array) -> Array:
-    """Fills ``rows`` of ``states`` and of the motors' ``inputs``; the state after the last row."""
+    """Fill ``rows`` of ``states`` and of the motors' ``inputs``; return the state after the last row."""
     joints = [_Joint(arm, log, j, law) for j, law in enumerate(laws, 1)]
     u, h, now, then = inputs[rows[0]].copy(), np.empty(1), x.copy(), np.empty(arm.nx)
     shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
@@ -188,10 +223,11 @@ def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, st
                 states[row:] = np.nan
                 return now
             inputs[row, j] = joint.command(row, angle)
+        if held[row] <= 0:
+            continue
         h[0] = each[row]
-        if held[row] > 0:
-            u[: arm.n] = stage.step(inputs[row, : arm.n], float(held[row]))
-        for _ in range(parts[row] if each[row] > 0 else 0):
+        u[: arm.n] = stage.step(inputs[row, : arm.n], float(held[row]))
+        for _ in range(parts[row]):
             move.run()
             now[:] = then
     return now
@@ -201,8 +237,9 @@ def _stage(arm: Arm, inputs: Array, held: Array, first: int) -> InputStage:
     """The input stage at row ``first``, after the commands of the rows before it."""
     begin = max(0, first - _REMEMBERED)
     stage = InputStage(arm, inputs[begin, : arm.n])
-    for row in range(begin, first if arm.staged else begin):
-        stage.step(inputs[row, : arm.n], float(held[row]))
+    if arm.staged:
+        for row in range(begin, first):
+            stage.step(inputs[row, : arm.n], float(held[row]))
     return stage
 
 

@@ -1,4 +1,4 @@
-"""The columns of a log: their names and units, and how each comes from a foreign column, unit, sign, frame and row."""
+"""The columns of a log: names, units, and the conversion from foreign columns, units, signs, frames and rows."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _ANGLE = {"rad": 1.0, "deg": math.pi / 180, "turn": 2 * math.pi, COUNT: 2 * math
 _RATE = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": math.pi / 30, "turn/s": 2 * math.pi, "counts/s": 2 * math.pi}
 _TORQUE = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N": 1.0, "mN": 1e-3, "kN": 1e3}
 
-# Per column the units that are known and what one of each is in SI; the first is the column's own. A prismatic joint
-# has its position in m, its speed in m/s and its force in N under the same names.
+# Per column the known units, each with its size in SI; the first is the column's own. A prismatic joint has its
+# position in m, its speed in m/s and its force in N under the same names.
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "motor_current_command": {"A": 1.0, "mA": 1e-3},
@@ -37,9 +37,9 @@ UNITS: dict[str, dict[str, float]] = {
     "tip_force_y": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
 }
 WHOLE_ARM = ("time", "tip_force_x", "tip_force_y")
-RAW_UNITS = ("V", "mV", "percent", "counts")  # of anything; a scale says what one of it is
-_SHOWN = 20  # absent columns that are named
-_COMPARED = 1000  # names that are held against one that is not there
+RAW_UNITS = ("V", "mV", "percent", "counts")  # units of any column that needs a scale
+_SHOWN = 20  # missing columns that are named
+_COMPARED = 1000  # names among which the nearest one is looked for
 _CELSIUS_ZERO = 273.15  # K
 _NAME = re.compile(r"(?P<base>[a-z_]+?)_(?P<joint>[1-9]\d?)")
 
@@ -49,7 +49,16 @@ class ColumnsError(LogError):
 
 
 def split_name(name: str) -> tuple[str, int] | None:
-    """``motor_current_2`` -> ("motor_current", 2); ("time", 0) for the whole arm's; None for no column of a log."""
+    """Split the name of a column into its quantity and its joint.
+
+    Args:
+        name: The name, such as "motor_current_2".
+
+    Returns:
+        The quantity and the joint's number, ("motor_current", 2); the number is 0 for a column of the whole arm, as in
+        ("time", 0); None for a name that no log's column has.
+
+    """
     if name in WHOLE_ARM:
         return name, 0
     match = _NAME.fullmatch(name)
@@ -59,14 +68,22 @@ def split_name(name: str) -> tuple[str, int] | None:
 
 
 def commanded(measured: str) -> str:
-    """The command of a measured input: ``motor_current_2`` -> ``motor_current_command_2``."""
+    """Name the command channel of a measured input.
+
+    Args:
+        measured: The measured channel, such as "motor_current_2".
+
+    Returns:
+        The command channel, "motor_current_command_2".
+
+    """
     base, _, joint = measured.rpartition("_")
     return f"{base}_command_{joint}"
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where one column comes from.
+    """The origin of one column, as a table of columns.toml states it.
 
     In this order: a wrapped counter is unwrapped, missing values are filled, ``subtract`` is taken off, then
     value = sign · scale · (logged, in SI) [· or / ratio] + offset, and it moves down by ``shift_rows``.
@@ -123,30 +140,36 @@ class ColumnMap:
         return frozenset(name for source in self.sources.values() for name in (source.read, source.subtract) if name)
 
     def reads(self, name: str) -> bool:
-        """Whether the file's column ``name`` is needed."""
+        """Tell whether a column of the file is needed.
+
+        Args:
+            name: The column's name in the file.
+
+        Returns:
+            Whether a table of columns.toml takes it, or it has a log's name and is not ignored.
+
+        """
         return name in self._needed or (
             split_name(name) is not None and name not in self.ignore and name not in self.sources
         )
 
     def apply(self, table: Table) -> Mapped:
-        """Bring a table under the log's names and units. Raises ColumnsError with every column that is not there."""
+        """Bring a table under a log's names and units.
+
+        Args:
+            table: The columns as they stand in the file.
+
+        Returns:
+            The columns in SI.
+
+        Raises:
+            ColumnsError: Columns are missing or differ in length; every problem is listed.
+
+        """
         own = {name: Source(name, name) for name in table.columns if self.reads(name) and split_name(name)}
         own = {name: source for name, source in own.items() if name not in self.sources}
         sources = self.sources | own
-        absent = [
-            (source.name, read)
-            for source in sources.values()
-            for read in (source.read, source.subtract)
-            if read and read not in table.columns
-        ]
-        problems = [
-            f"{self.path}: [{name}] takes column {shown(read)}, not in the log{meant(read, table.names[:_COMPARED])}."
-            for name, read in absent[:_SHOWN]
-        ]
-        if absent:
-            more = f"{len(absent)} columns in all are not there; " if len(absent) > _SHOWN else ""
-            listed = list_nearest([read for _, read in absent], table.names, 40)
-            problems.append(f"{self.path}: {more}the log has {listed}.")
+        problems = self._absent_columns(sources, table)
         lengths = {
             name: len(table.columns[name])
             for s in sources.values()
@@ -171,14 +194,35 @@ class ColumnMap:
         stop = min((_edges(sources[n], v)[1] for n, v in converted.items()), default=rows)
         return Mapped(converted.pop("time", None), converted, start, max(start, stop), tuple(notes))
 
+    def _absent_columns(self, sources: dict[str, Source], table: Table) -> list[str]:
+        """One sentence for each of the first columns that are taken and not there, and one on the columns there are."""
+        absent = [
+            (source.name, read)
+            for source in sources.values()
+            for read in (source.read, source.subtract)
+            if read and read not in table.columns
+        ]
+        if not absent:
+            return []
+        problems = [
+            f"{self.path}: [{name}] takes column {shown(read)}, not in the log{meant(read, table.names[:_COMPARED])}."
+            for name, read in absent[:_SHOWN]
+        ]
+        listed = f"the log has {list_nearest([read for _, read in absent], table.names, 40)}."
+        if len(absent) > _SHOWN:
+            listed = f"{len(absent)} columns in all are not there; {listed}"
+        return [*problems, f"{self.path}: {listed}"]
+
 
 def _factor(source: Source) -> float:
-    """What one of the logged unit is in the column's own unit, before the scale."""
+    """The size of the logged unit in the column's own unit, before the scale."""
     base = (split_name(source.name) or (source.name, 0))[0]
-    factor = UNITS[base].get(source.unit, 1.0) if source.unit else 1.0
-    if source.unit in (COUNT, "counts/s"):
-        return factor / source.counts_per_turn if source.counts_per_turn else 1.0
-    return factor
+    factor = UNITS[base].get(source.unit, 1.0)
+    if source.unit not in (COUNT, "counts/s"):
+        return factor
+    if not source.counts_per_turn:
+        return 1.0
+    return factor / source.counts_per_turn
 
 
 def _convert(source: Source, table: Table, rows: int) -> np.ndarray:
@@ -190,16 +234,24 @@ def _convert(source: Source, table: Table, rows: int) -> np.ndarray:
     logged = _prepare(table.columns[source.read], source)
     if source.subtract:
         logged = logged - _prepare(table.columns[source.subtract], source)
-    factor = source.sign * source.scale * _factor(source)
+    factor, offset = source.sign * source.scale * _factor(source), source.offset
     if source.joint_side_ratio is not None:
-        is_torque = source.name.startswith("motor_torque")
-        factor = factor / source.joint_side_ratio if is_torque else factor * source.joint_side_ratio
-    offset = source.offset + (_CELSIUS_ZERO if source.unit == "degC" else 0.0)
-    values = logged if factor == 1.0 and offset == 0.0 else factor * logged + offset
-    if source.shift_rows:
-        k = source.shift_rows
+        if source.name.startswith("motor_torque"):
+            factor = factor / source.joint_side_ratio
+        else:
+            factor = factor * source.joint_side_ratio
+    if source.unit == "degC":
+        offset += _CELSIUS_ZERO
+    values = logged
+    if factor != 1.0 or offset != 0.0:
+        values = factor * logged + offset
+    k = source.shift_rows
+    if k:
         values = np.roll(values, k)
-        values[slice(0, k) if k > 0 else slice(k, None)] = np.nan
+    if k > 0:
+        values[:k] = np.nan
+    elif k < 0:
+        values[k:] = np.nan
     return values
 
 
@@ -226,7 +278,7 @@ def _edges(source: Source, values: np.ndarray) -> tuple[int, int]:
 
 
 def _notes(source: Source, table: Table) -> list[str]:
-    """What was done to a column, in a sentence; nothing for a column taken as it is."""
+    """Say in a sentence how a column was converted; nothing for a column taken as it is."""
     if source.value is not None:
         return [f"{source.name} is not logged: taken as {source.value:g} throughout."]
     if source.period is not None:
@@ -248,21 +300,28 @@ def _notes(source: Source, table: Table) -> list[str]:
     missing = int(np.count_nonzero(~np.isfinite(table.columns[source.read])))
     if source.fill and missing:
         parts.append(f"{missing} missing value(s) filled ({source.fill})")
-    return [f"{source.name} is {source.read}, {', '.join(parts)}."] if parts else []
+    if not parts:
+        return []
+    return [f"{source.name} is {source.read}, {', '.join(parts)}."]
 
 
 def _turn_force(frame: Frame, columns: dict[str, np.ndarray], path: Path | None) -> str:
     """Turn the tip force into the base frame, in place. Raises ColumnsError where a column for it is missing."""
-    positions = [name for name in columns if (split_name(name) or ("", 0))[0] == "joint_position"]
-    if frame.turning_joints is not None:
+    positions: list[str] = []
+    if frame.moving and frame.turning_joints is not None:
         positions = [f"joint_position_{j}" for j in frame.turning_joints]
-    needed = ["tip_force_x", "tip_force_y", *(positions if frame.moving else [])]
-    missing = [name for name in needed if name not in columns]
-    if missing or (frame.moving and not positions):
-        lacking = list_some(missing) if missing else "joint_position_1"
+    elif frame.moving:
+        positions = [name for name in columns if (split_name(name) or ("", 0))[0] == "joint_position"]
+    missing = [name for name in ("tip_force_x", "tip_force_y", *positions) if name not in columns]
+    if frame.moving and not positions and not missing:
+        missing = ["joint_position_1"]
+    if missing:
+        lacking = list_some(missing)
         raise ColumnsError([f"{path}: [tip_force] needs {lacking}, which the log does not have: log it, or map it."])
-    angle = frame.rotation + (sum(columns[name] for name in positions) if frame.moving else 0.0)
+    angle = frame.rotation + sum(columns[name] for name in positions)
     x, y = columns["tip_force_x"], columns["tip_force_y"]
     columns["tip_force_x"] = np.cos(angle) * x - np.sin(angle) * y
     columns["tip_force_y"] = np.sin(angle) * x + np.cos(angle) * y
-    return f"The tip force was turned from the {'tip' if frame.moving else 'sensor'} frame into the base frame."
+    if frame.moving:
+        return "The tip force was turned from the tip frame into the base frame."
+    return "The tip force was turned from the sensor frame into the base frame."

@@ -1,4 +1,4 @@
-"""``columns.toml``: the file that says where each column of a log comes from, read and checked whole."""
+"""``columns.toml``, the file that states the origin of each column of a log: read and checked as a whole."""
 
 from __future__ import annotations
 
@@ -16,7 +16,18 @@ _MOST_TABLES = 1500  # every column of 99 joints
 
 
 def load(path: Path | str) -> ColumnMap:
-    """Read and check a columns.toml. Raises ColumnsError with every problem at once."""
+    """Read and check a columns.toml.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The map of columns that it states.
+
+    Raises:
+        ColumnsError: The file cannot be used; every problem is listed.
+
+    """
     path = Path(path)
     try:
         tables = read_toml(path, _LARGEST, "give a columns.toml as docs/log.md describes it")
@@ -28,15 +39,29 @@ def load(path: Path | str) -> ColumnMap:
 
 
 def check(tables: dict[str, Any], path: Path) -> ColumnMap:
-    """A columns.toml as parsed, checked; ``path`` stands in the sentences. Raises ColumnsError."""
+    """Check the tables of a columns.toml and build the map of columns that they state.
+
+    Args:
+        tables: The tables as parsed.
+        path: The file that the sentences name.
+
+    Returns:
+        The map of columns.
+
+    Raises:
+        ColumnsError: A table is wrong; every problem is listed.
+
+    """
     tables = dict(tables)
     problems: list[str] = []
     ignore = _ignored(path, tables.pop("ignore", []), problems)
-    frame = _frame(path, tables.pop("tip_force"), problems) if "tip_force" in tables else None
+    frame = None
+    if "tip_force" in tables:
+        frame = _frame(path, tables.pop("tip_force"), problems)
+    known = [_example_name(base) for base in UNITS]
     sources = {}
     for name, entry in tables.items():
         if split_name(name) is None:
-            known = [f"{base}_1" if base not in WHOLE_ARM else base for base in UNITS]
             problems.append(
                 f"{path}: [{name[:80]}] is not a column of a log{meant(name, known)}; possible are {list_some(known)} "
                 "(with the joint's number from 1), ignore and tip_force."
@@ -50,6 +75,13 @@ def check(tables: dict[str, Any], path: Path) -> ColumnMap:
     if problems:
         raise ColumnsError(problems)
     return ColumnMap(sources, ignore, frame, path)
+
+
+def _example_name(quantity: str) -> str:
+    """The name of a column of a quantity, that of the first joint where each joint has one."""
+    if quantity in WHOLE_ARM:
+        return quantity
+    return f"{quantity}_1"
 
 
 def _ignored(path: Path, value: Any, problems: list[str]) -> tuple[str, ...]:
@@ -74,12 +106,12 @@ def _frame(path: Path, entry: Any, problems: list[str]) -> Frame | None:
     if not _is_number(rotation):
         problems.append(f"{place} rotation = {shown(rotation)}; it must be a finite angle in rad.")
         rotation = 0.0
-    if joints is not None and (
-        not isinstance(joints, list) or not joints or not all(_is_whole(j) and j > 0 for j in joints)
-    ):
+    if joints is None:
+        return Frame(frame == "tip", float(rotation))
+    if not isinstance(joints, list) or not joints or not all(_is_whole(j) and j > 0 for j in joints):
         problems.append(f"{place} turning_joints = {shown(joints)}; it must list joint numbers from 1, as in [1, 2].")
-        joints = None
-    return Frame(frame == "tip", float(rotation), tuple(joints) if joints else None)
+        return None
+    return Frame(frame == "tip", float(rotation), tuple(joints))
 
 
 def _is_number(value: Any) -> bool:
@@ -94,7 +126,7 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 200
 
 
-# key -> (test of its value, what the value must be, a pattern of the columns that may have it)
+# key -> (test of its value, description of a right value, pattern of the columns that may have it)
 _KEYS: dict[str, tuple[Any, str, str]] = {
     "from": (_is_text, "the name of a column of the log", ""),
     "value": (_is_number, "a finite number", "_"),
@@ -148,17 +180,14 @@ def _source(path: Path, name: str, entry: dict[str, Any], problems: list[str]) -
             problems.append(
                 f'{place} wrap = "turn" has no meaning with unit = "{unit}"; give the wrap as a number in that unit.'
             )
-    return Source(
-        name,
-        "" if origin in good else good.get("from", name),
-        value=None if "value" not in good else float(good["value"]),
-        unit=unit,
-        sign=float(good.get("sign", 1)),
-        scale=float(good.get("scale", 1.0)),
-        offset=float(good.get("offset", 0.0)),
-        wrap=None if wrap is None else float(wrap),
-        **{key: good[key] for key in _PLAIN if key in good},
-    )
+    keys: dict[str, Any] = {key: good[key] for key in _PLAIN if key in good}
+    keys |= {key: float(good[key]) for key in ("value", "sign", "scale", "offset") if key in good}
+    if wrap is not None:
+        keys["wrap"] = float(wrap)
+    read = good.get("from", name)
+    if origin in good:
+        read = ""
+    return Source(name, read, unit=unit, **keys)
 
 
 KEYS = frozenset(_KEYS)
@@ -166,7 +195,7 @@ _PLAIN = ("period", "counts_per_turn", "subtract", "joint_side_ratio", "shift_ro
 
 
 def _unit(place: str, name: str, good: dict[str, Any], problems: list[str]) -> str:
-    """The unit by its one spelling ("Nm" is "N m"); problems where it is unknown or lacks what it needs."""
+    """The unit in its one spelling ("Nm" is "N m"); problems where it is unknown or lacks a key that it needs."""
     base = (split_name(name) or (name, 0))[0]
     if "unit" not in good:
         return ""

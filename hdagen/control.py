@@ -1,6 +1,6 @@
 """Controllers: a compiled law inside its guard, tick by tick.
 
-A tick always leaves a whole, legal torque vector; faults come back as a status, never as an exception. Not a
+A tick always leaves a whole, legal torque vector; faults come back as a status, never as an exception. This is not a
 safety-rated function: use it behind a certified stop (docs/safety.md).
 """
 
@@ -26,7 +26,7 @@ CHANNELS = ("motor_position", "motor_velocity", "joint_position", "joint_velocit
 
 
 class Safe(Enum):
-    """What a controller does after a fault; there is no default."""
+    """The safe state of a controller after a fault; there is no default."""
 
     ZERO = 1  # no torque
     DAMPING = 2  # against the motors' speed
@@ -38,9 +38,9 @@ class Guard:
     """Limits of a controller. None: from the robot file; where that states none, the limit must be given here.
 
     Torques are at the motors, jumps per tick. ``stale_*``: ticks after which an unchanged stamp, or unchanged bits, are
-    a fault. ``torque_limit`` from the robot file is what the motor can give, not what the flexspline bears: on an
-    output that is blocked the joint takes ratio times as much. Where that counts, give limits.torque / ratio; quick
-    pushes then come out slower, as the rotors' own inertia takes part of it.
+    a fault. ``torque_limit`` from the robot file is the motor's limit, not the flexspline's: behind a blocked output
+    the joint takes ratio times as much. Where that counts, give limits.torque / ratio; fast motions then become slower,
+    because the rotors' own inertia takes a part of the torque.
     """
 
     safe: Safe
@@ -60,7 +60,20 @@ class Guard:
 
 @dataclass(frozen=True)
 class Fault:
-    """The first fault since the last reading: its status and sentence, what came in, and what was sent before."""
+    """The first fault since the last reading.
+
+    Attributes:
+        status: The fault's status.
+        sentence: Its meaning.
+        index: The joint's or the input's number at fault, from 1; 0: neither.
+        further: The number of faults after it.
+        now: The time of its tick, s.
+        raw: (n), the law's torque where the fault was found in it, else 0, N m.
+        sent: (n), the torque sent before the fault, N m.
+        measurement: The measurement of the tick.
+        reference: The reference of the tick.
+
+    """
 
     status: int
     sentence: str
@@ -107,10 +120,11 @@ class Controller:
         self.configure(guard, gains or {})
 
     def _share(self) -> None:
-        """Names for the parts of the measurement."""
+        """Name the parts of the measurement.
+
+        They are the stamp, n each of motor and joint positions and velocities and motor torques, and the tip force.
+        """
         n = self.arm.n
-        # the measurement: stamp, then n each of motor and joint positions and velocities and motor torque, then the
-        # tip force
         ends = np.cumsum([1, n, n, n, n, n])
         parts = np.split(self.measurement, ends)[1:]
         self._channels: dict[str, Array] = dict(zip(CHANNELS, parts, strict=True))
@@ -118,9 +132,15 @@ class Controller:
         self.motor_torque, self.tip_force = parts[4:]
 
     def configure(self, guard: Guard, gains: Mapping[str, float]) -> None:
-        """Replace guard and gains, with the arm's present parameters: all of it, or PlantError and nothing changes.
+        """Replace guard and gains, with the arm's present parameters: all of it, or nothing changes.
 
-        The gain ``period`` is the guard's. While a fault is latched the guard refuses to be replaced.
+        Args:
+            guard: The guard.
+            gains: Gains by name, SI units; the others stay. The gain ``period`` is the guard's.
+
+        Raises:
+            PlantError: A gain or a limit is refused, or a fault is latched.
+
         """
         wanted, problems = dict(self.gains), []
         bounds = {g["name"]: g for g in self.described["gains"]}
@@ -151,12 +171,23 @@ class Controller:
         self._configure, self.gains, self.guard = configure, wanted, guard
 
     def rows(self, reference: Reference) -> Array:
-        """A motion as the law takes it, a row a tick."""
+        """Arrange a motion as the law takes it.
+
+        Args:
+            reference: The motion, in the law's space.
+
+        Returns:
+            (T, k), a row a tick.
+
+        """
         return reference.rows()
 
     def restart(self) -> None:
-        """Begin as if just made: no torque sent, no time known, no fault; law, parameters, gains and guard stay. For
-        the next run of a simulation or a machine at standstill; after a fault `recover` goes on without a jump."""
+        """Begin as if just made: no torque sent, no time known, no fault; law, parameters, gains and guard stay.
+
+        It serves the next run of a simulation, or a machine at standstill; after a fault `recover` goes on without a
+        jump.
+        """
         self._context[:] = 0
         self._configure.run()
 
@@ -167,7 +198,7 @@ class Controller:
         return limits[5 : 5 + n], limits[5 + n : 5 + 2 * n]
 
     def _limits(self, guard: Guard, problems: list[str]) -> Array:
-        """The guard's numbers in the order of hda_bridge.h; what is wrong with them is added to ``problems``."""
+        """The guard's numbers in the order of hda_bridge.h; a sentence on each wrong one is added to ``problems``."""
         if not isinstance(guard.safe, Safe):
             problems.append(f"safe is one of {', '.join(map(str, Safe))}, not {guard.safe}.")
         for name in ("stale_stamp_ticks", "stale_bits_ticks"):
@@ -176,7 +207,9 @@ class Controller:
         if np.shape(guard.period_share) != (2,):
             problems.append(f"period_share is two numbers, shortest and longest, not {guard.period_share}.")
         joints, n = self.arm.robot["joints"], self.arm.n
-        drives, limits, sensors = ([joint[part] for joint in joints] for part in ("drive", "limits", "sensor"))
+        drives = [joint["drive"] for joint in joints]
+        limits = [joint["limits"] for joint in joints]
+        sensors = [joint["sensor"] for joint in joints]
         sources = {
             "torque_limit": "torque_constant and max_current in [joint.drive], or torque in [joint.limits]",
             "torque_rate": "motor_torque_rate in [joint.limits]",
@@ -196,7 +229,9 @@ class Controller:
         values = []
         for name in (*stated, "safe_damping", "safe_stiffness"):
             given = getattr(guard, name)
-            chosen = stated[name] if given is None else list(np.atleast_1d(given)) or [0.0] * n
+            chosen = stated.get(name, [])
+            if given is not None:
+                chosen = list(np.atleast_1d(given)) or [0.0] * n
             if len(chosen) == n and all(is_number(value) for value in chosen):
                 values += chosen
             elif given is None and name in sources:
@@ -204,7 +239,8 @@ class Controller:
                     f"{name}: the robot file does not state it for every joint; write {sources[name]} of each, or give "
                     f"the guard {n} values."
                 )
-            elif given is not None:  # a jump that the robot file gives is wrong only with its period, named above
+            elif given is not None or name not in stated:
+                # a jump that the robot file gives is wrong only with its period, named above
                 problems.append(f"{name} takes {n} numbers, one a joint, not {given}.")
         if problems:
             return np.empty(0)
@@ -216,9 +252,22 @@ class Controller:
     def tick(
         self, now: float, reference: ArrayLike | None = None, stamp: float | None = None, **measured: ArrayLike
     ) -> int:
-        """One tick at ``now`` (s, monotonic). ``measured``: motor_position, joint_position, tip_force and the like,
-        written into the measurement; without them it holds what was put there in place. Returns the status; the
-        torque is in ``torque``."""
+        """Compute the torque of one tick, which is then in ``torque``.
+
+        Args:
+            now: The time on a monotonic clock, s.
+            reference: The reference; None: as `reference` holds it.
+            stamp: The time of the measurement, s; None: ``now``.
+            measured: Channels by name (motor_position, joint_position, tip_force, …); the others stay as the buffer
+                ``measurement`` holds them.
+
+        Returns:
+            The status; negative for a fault.
+
+        Raises:
+            PlantError: A channel's name or length is wrong.
+
+        """
         self._fill(now, stamp, measured)
         if reference is not None:
             self.reference[:] = _entries("reference", reference, len(self.reference))
@@ -237,19 +286,37 @@ class Controller:
         self.measurement[0] = now if stamp is None else stamp
 
     def watchdog(self, now: float) -> int:
-        """To be called when a tick may be missing: legal torque in ``torque``, status of the watchdog."""
+        """Compute a legal torque, then in ``torque``, when a tick may be missing.
+
+        Args:
+            now: The time on the clock of `tick`, s.
+
+        Returns:
+            The status of the watchdog.
+
+        """
         self._now[0] = now
         self._watchdog.run()
         return int(self._status[0])
 
     def recover(self, now: float, stamp: float | None = None, **measured: ArrayLike) -> int:
-        """Leave the safe state with a fresh measurement; 0, or the status that says why not."""
+        """Leave the safe state with a fresh measurement.
+
+        Args:
+            now: The time on the clock of `tick`, s.
+            stamp: The time of the measurement, s; None: ``now``.
+            measured: Channels by name, as `tick` takes them.
+
+        Returns:
+            0, or the status of the reason why the controller stays in the safe state.
+
+        """
         self._fill(now, stamp, measured)
         self._recover.run()
         return int(self._status[0])
 
     def read_fault(self) -> Fault | None:
-        """The first fault since the last reading, and clear it; the safe state stays until `recover`."""
+        """Read the first fault since the last reading and clear it; the safe state stays until `recover`."""
         n, module = self.arm.n, self.arm.module
         whole, real = np.zeros(4, np.int32), np.zeros(module.length(self._read, "real"))
         module.bind(self._read, self._context, whole, real).run()
@@ -272,16 +339,24 @@ class Controller:
         )
 
     def sentence(self, status: int) -> str:
-        """What a status means."""
+        """Explain a status.
+
+        Args:
+            status: The status.
+
+        Returns:
+            Its meaning, in a sentence.
+
+        """
         return str(self.arm.module.sentence(status))
 
     def gain_table(self) -> tuple[dict[str, Any], ...]:
-        """Name, unit, nominal, bounds and meaning of every gain."""
+        """The name, unit, nominal value, bounds and meaning of every gain."""
         return tuple(self.described["gains"])
 
 
 def _entries(name: str, value: ArrayLike, count: int) -> Array:
-    """Real numbers of that count, NaN and infinity among them: what they mean is the guard's to say."""
+    """Turn a value into ``count`` real numbers, NaN and infinity among them: the guard judges those."""
     try:
         entries = np.asarray(value, float)
     except (TypeError, ValueError):
@@ -292,14 +367,18 @@ def _entries(name: str, value: ArrayLike, count: int) -> Array:
 
 
 def _most(drive: Mapping[str, Any], limit: Mapping[str, Any]) -> float | None:
-    """Largest motor torque that the robot file allows, N m: the largest current's, or where the input is torque the
-    joint's."""
+    """The largest motor torque that the robot file allows, N m: that of the largest current, or, where the input is a
+    torque, that of the joint's limit."""
     constant, current, torque = drive["torque_constant"], drive["max_current"], limit["torque"]
-    if constant is None:
-        return torque / abs(drive["ratio"]["nominal"]) if torque else None
-    return constant["nominal"] * current if current else None
+    if constant is None and torque:
+        return torque / abs(drive["ratio"]["nominal"])
+    if constant is not None and current:
+        return constant["nominal"] * current
+    return None
 
 
 def _jump(speed: float | None, period: float, ratio: float, resolution: float) -> float:
-    """Largest honest step of an encoder in a tick that comes as late as it may, with its own steps."""
-    return UNLIMITED if speed is None else 2 * abs(ratio) * speed * period + resolution
+    """The largest plausible step of an encoder in a tick that comes as late as it may, with its own resolution."""
+    if speed is None:
+        return UNLIMITED
+    return 2 * abs(ratio) * speed * period + resolution

@@ -1,4 +1,4 @@
-"""CSV files as people really have them: read fast, and where that fails read slowly to say what is wrong and where."""
+"""CSV files as people really have them: read fast, and where that fails read slowly to name each bad place."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy as np
 from hdagen.names import list_some
 from hdagen.table import MOST_CELLS, LogError, Table, check_cells, check_columns, first_line
 
-_HEAD = 1 << 20  # bytes in which the header must end, and every row
-_TAIL = 4096  # bytes at the end that are looked at
-_MOST_BAD = 10_000  # bad rows and cells, after which no more is looked at
-_CELL = 131_072  # characters of a cell, which Python's reader refuses beyond
-_SHOWN = 5  # bad rows named one by one; the rest is counted
+_HEAD = 1 << 20  # bytes within which the header must end, and every row
+_TAIL = 4096  # bytes at the end that are checked for zeros
+_MOST_BAD = 10_000  # bad rows and cells, after which reading stops
+_CELL = 131_072  # characters of a cell at most, by Python's reader
+_SHOWN = 5  # bad rows named one by one; the others are counted
 _NULLS = ("", "nan", "-nan", "NaN", "NAN", "Nan", "NA", "N/A", "#N/A", "null", "NULL", "None")
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|Inf|INF|infinity|Infinity)")
 _FOREIGN = {  # first bytes of other formats that get the wrong ending
@@ -40,7 +40,7 @@ _UTF_MARKS = (
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a CSV file is laid out: the header's names, and the first data row as text line ``first_line``."""
+    """The layout of a CSV file: the header's names, and the first data row as text line ``first_line``."""
 
     names: tuple[str, ...]
     delimiter: str
@@ -50,7 +50,19 @@ class _Layout:
 
 
 def read_csv(path: Path, keep: Callable[[str], bool]) -> Table:
-    """Read the columns for which ``keep(name)`` holds; an empty cell is NaN. Raises LogError with every bad place."""
+    """Read columns of a CSV file; an empty cell is NaN.
+
+    Args:
+        path: The file.
+        keep: Tells by a column's name whether it is read.
+
+    Returns:
+        The columns as they stand in the file.
+
+    Raises:
+        LogError: The file cannot be read; bad rows and cells are named.
+
+    """
     layout = _layout(path)
     kept = set(check_columns(path, layout.names, keep))
     wanted = [i for i, name in enumerate(layout.names) if name in kept]
@@ -104,7 +116,7 @@ def _check_rows(path: Path, width: int, wanted: int) -> None:
 
 
 def _layout(path: Path) -> _Layout:
-    """Read the head of the file and find out how it is laid out. Raises LogError."""
+    """Find the layout of a CSV file from its head. Raises LogError."""
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
@@ -210,7 +222,7 @@ def _diagnose(path: Path, layout: _Layout, wanted: list[int]) -> list[str]:
 
 
 def _of_ragged(path: Path, layout: _Layout, line: int, length: int) -> str:
-    """What is wrong with a row of ``length`` cells."""
+    """Describe a row of ``length`` cells, which is too long or too short."""
     width, hint = len(layout.names), "delete or complete the line"
     if layout.delimiter == "," and length > width:
         hint = "if the numbers have decimal commas, export with decimal points, or with semicolons between the columns"
@@ -218,7 +230,7 @@ def _of_ragged(path: Path, layout: _Layout, line: int, length: int) -> str:
 
 
 def _of_cell(path: Path, layout: _Layout, line: int, column: int, text: str) -> str:
-    """What is wrong with a cell that is no number."""
+    """Describe a cell that is no number."""
     hint = "correct or delete it (an empty cell means: no value)"
     if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", text):
         hint = "it has a decimal comma: export with decimal points, or with semicolons between the columns"
@@ -228,13 +240,17 @@ def _of_cell(path: Path, layout: _Layout, line: int, column: int, text: str) -> 
 
 
 def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, list[str] | str]]:
-    """The data rows with their line numbers, blank lines left out; a sentence's end in place of one that is too long,
-    after which nothing is looked at."""
+    """The data rows with their line numbers, without blank lines.
+
+    In place of a line that is too long comes the end of a sentence on it, and nothing after it.
+    """
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         for line, text in enumerate(iter(lambda: file.readline(_HEAD), ""), start=1):
             if len(text) == _HEAD:
-                zeros = "nothing but zeros" if text.count("\0") > _HEAD / 2 else "no end of the line"
-                yield line, f"there is {zeros}, in {_HEAD} characters: cut the file before it, or copy it again"
+                found = "no end of the line"
+                if text.count("\0") > _HEAD / 2:
+                    found = "nothing but zeros"
+                yield line, f"there is {found}, in {_HEAD} characters: cut the file before it, or copy it again"
                 return
             if line < layout.first_line or not text.strip():
                 continue

@@ -1,4 +1,4 @@
-"""Whether data determine what is fitted to them by least squares."""
+"""Whether data determine the terms of a least-squares fit."""
 
 from __future__ import annotations
 
@@ -8,25 +8,33 @@ import numpy as np
 
 from hdagen.plant import Array
 
-ROWS = 5  # least, for each term of a fit
+ROWS = 5  # rows for each term of a fit at least
 TURN = 2 * np.pi
 
 
 def is_determined(terms: Array) -> bool:
-    """Whether a fit by the columns of ``terms`` (rows, terms) has several rows for each of them."""
+    """Tell whether a fit has several rows of data for each of its terms.
+
+    Args:
+        terms: (rows, terms), the regressors of the fit.
+
+    Returns:
+        Whether there are at least five rows for each column.
+
+    """
     return len(terms) >= ROWS * terms.shape[1]
 
 
 def resolved_orders(angle: Array, orders: Iterable[int]) -> list[int]:
-    """The orders of a turn that can be fitted together to what was measured at some angles.
+    """Choose the ripple orders that data at some angles can determine together.
 
     Args:
         angle: (K,) of the motor, rad, not wrapped.
-        orders: cycles a turn.
+        orders: Cycles a turn.
 
     Returns:
-        None of them where the angles are less than a turn apart, which no order could be told from a trend in; else
-        those of which half a cycle is wider than any part of the turn without an angle, and for which there are rows.
+        None of the orders where the angles span less than a turn, for a ripple then looks like a trend. Otherwise the
+        orders whose half cycle is wider than any part of the turn without an angle, and for which there are rows.
 
     """
     if not len(angle) or np.ptp(angle) < TURN:

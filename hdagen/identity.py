@@ -1,9 +1,9 @@
-"""What makes two robot files the same robot: the numbers that its equations of motion are made of, not the bytes.
+"""A robot's identity: a hash of the numbers in its equations of motion, not of the bytes of its file.
 
-Of meaning are gravity, the links, the drives and the stated effects, each number with its tolerance. Not of meaning are
-name, comments, order and spelling (1 or 1.0; a lumped inertia or its parts; a default written out), the step and the
-smoothing of friction, which are of the integration, and limits, sensors and their noise, which no parameter is fitted
-of.
+Two robot files describe one robot if gravity, the links, the drives and the stated effects are equal, each number with
+its tolerance. Name, comments, order and spelling do not count (1 or 1.0; a lumped inertia or its parts; a default
+written out). Neither do the step and the smoothing of friction, which belong to the integration, nor limits, sensors
+and their noise, which no fit changes.
 """
 
 from __future__ import annotations
@@ -13,31 +13,33 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-DIGITS = 10  # that two spellings of a number share: a lumped inertia goes through a sum and a difference
+DIGITS = 10  # significant digits that count: a lumped inertia goes through a sum and a difference
 _LINK = ("kind", "length", "mass", "center_of_mass", "inertia", "drive")
-_INTEGRATION = ("friction_smoothing",)  # of a drive
+_INTEGRATION = ("friction_smoothing",)  # keys of a drive that belong to the integration
 
 
 def identity(robot: Mapping[str, Any]) -> str:
-    """The SHA-256, hexadecimal, of the meaning of a robot.
+    """Hash the numbers that a robot's equations of motion are made of.
 
     Args:
-        robot: its complete description, as a build's manifest has it (`Arm.robot`).
+        robot: The robot's complete description, as a build's manifest has it (`Arm.robot`).
 
     Returns:
-        64 characters.
+        The SHA-256, 64 hexadecimal characters.
 
     """
-    joints = [{key: joint[key] for key in _LINK} for joint in robot["joints"]]
-    for joint in joints:
+    joints = []
+    for stated in robot["joints"]:
+        joint = {key: stated[key] for key in _LINK}
         joint["drive"] = {key: value for key, value in joint["drive"].items() if key not in _INTEGRATION}
+        joints.append(joint)
     effects = sorted(robot["effects"], key=lambda effect: (effect["name"], effect["joint"]))
     meaning = _rounded({"gravity": robot["gravity"], "joints": joints, "effects": effects})
     return hashlib.sha256(json.dumps(meaning, sort_keys=True).encode()).hexdigest()
 
 
 def _rounded(value: Any) -> Any:
-    """The same with every number to `DIGITS` digits, and without what is not there."""
+    """The same value with every number rounded to `DIGITS` digits, and without entries that are None or False."""
     if isinstance(value, Mapping):
         return {key: _rounded(part) for key, part in value.items() if part is not None and part is not False}
     if isinstance(value, list | tuple):

@@ -1,5 +1,7 @@
-"""Files that come from outside, opened and parsed in one way: what is no regular file, too large, no text or no TOML or
-JSON ends in one sentence that can be printed."""
+"""Files that come from outside, opened and parsed in one way.
+
+A file that is not regular, too large, no text, or no TOML or JSON ends in one sentence that can be printed.
+"""
 
 from __future__ import annotations
 
@@ -18,27 +20,52 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{64}}")
 
 
 class InputFileError(Exception):
-    """A file that cannot be used; one sentence: where, what was found, what to do."""
+    """A file that cannot be used; one sentence gives the file, the finding and the remedy."""
 
 
 def check_file(path: Path, largest: int, remedy: str) -> int:
-    """The size of a regular file of at most ``largest`` bytes, which is not opened. Raises InputFileError, whose
-    sentence ends in ``remedy``."""
+    """Check that a path is a regular file of a bounded size, without opening it.
+
+    Args:
+        path: The file.
+        largest: Its size at most, bytes.
+        remedy: The end of the sentence where the file is refused.
+
+    Returns:
+        The size of the file, bytes.
+
+    Raises:
+        InputFileError: The file is missing, not regular or too large.
+
+    """
     try:
         found = path.stat()
     except (OSError, ValueError) as error:
         raise _refused(path, _why(error), remedy) from None
+    if stat.S_ISDIR(found.st_mode):
+        raise _refused(path, "is a folder", remedy)
     if not stat.S_ISREG(found.st_mode):
-        what = "is a folder" if stat.S_ISDIR(found.st_mode) else "is no regular file (a pipe, a device or a socket)"
-        raise _refused(path, what, remedy)
+        raise _refused(path, "is no regular file (a pipe, a device or a socket)", remedy)
     if found.st_size > largest:
         raise _refused(path, f"found {found.st_size} bytes, possible are at most {largest}", remedy)
     return found.st_size
 
 
 def read_bytes(path: Path, largest: int, remedy: str) -> bytes:
-    """What a regular file of at most ``largest`` bytes holds. Raises InputFileError, whose sentence ends in
-    ``remedy``."""
+    """Read a regular file of a bounded size.
+
+    Args:
+        path: The file.
+        largest: Its size at most, bytes.
+        remedy: The end of the sentence where the file is refused.
+
+    Returns:
+        The content.
+
+    Raises:
+        InputFileError: The file cannot be read, or is too large.
+
+    """
     try:
         check_file(path, largest, remedy)  # before it is opened: a pipe without a writer would wait
         with path.open("rb") as file:
@@ -51,8 +78,20 @@ def read_bytes(path: Path, largest: int, remedy: str) -> bytes:
 
 
 def read_toml(path: Path, largest: int, remedy: str) -> dict[str, Any]:
-    """The tables of a TOML file of at most ``largest`` bytes. Raises InputFileError, whose sentence ends in
-    ``remedy``."""
+    """Read a TOML file of a bounded size.
+
+    Args:
+        path: The file.
+        largest: Its size at most, bytes.
+        remedy: The end of the sentence where the file is refused.
+
+    Returns:
+        The tables of the file.
+
+    Raises:
+        InputFileError: The file cannot be read, is too large, or is no TOML.
+
+    """
     text = _text(path, largest, remedy)
     if found := _LONG_KEY.search(text):
         raise _refused(
@@ -67,8 +106,20 @@ def read_toml(path: Path, largest: int, remedy: str) -> dict[str, Any]:
 
 
 def read_json(path: Path, largest: int, remedy: str) -> Any:
-    """What a JSON file of at most ``largest`` bytes holds; NaN and infinities are let through. Raises InputFileError,
-    whose sentence ends in ``remedy``."""
+    """Read a JSON file of a bounded size; NaN and infinities are let through.
+
+    Args:
+        path: The file.
+        largest: Its size at most, bytes.
+        remedy: The end of the sentence where the file is refused.
+
+    Returns:
+        The value that the file holds.
+
+    Raises:
+        InputFileError: The file cannot be read, is too large, or is no JSON.
+
+    """
     try:
         return json.loads(_text(path, largest, remedy))
     except ValueError as error:
@@ -92,7 +143,7 @@ def _why(error: OSError | ValueError) -> str:
 
 
 def _unparsed(error: ValueError) -> str:
-    """Why a text is no TOML or JSON."""
+    """Say why a text is no TOML or JSON."""
     if "set_int_max_str_digits" in str(error):
         return "it holds a number of thousands of digits"
     return printable(error)[:300]

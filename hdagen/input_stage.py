@@ -12,10 +12,16 @@ from hdagen.plant import Arm, Array
 
 
 class InputStage:
-    """From the command of a row to what acts over it. Without input effects the command itself."""
+    """The motor input that acts under a command, row after row; without input effects it is the command itself.
+
+    Attributes:
+        mean: (n), the mean of the acting input over the last row.
+        end: (n), the acting input at the end of the last row, which a sensor reads at the next one.
+
+    """
 
     def __init__(self, arm: Arm, before: ArrayLike) -> None:
-        """``before`` (n): what had been commanded for ever."""
+        """Start after ``before`` (n) has been commanded for ever."""
         self.command: Array = np.array(before, float)
         self.mean, self.end, self.h = self.command.copy(), self.command.copy(), np.ones(1)
         self.staged = arm.staged
@@ -25,8 +31,16 @@ class InputStage:
             self._step = arm.module.bind("input_step", state, self.command, arm.c, self.h, self.mean, self.end)
 
     def step(self, command: Array, h: float) -> Array:
-        """The mean (n) over the row of what acts when ``command`` (n) is held for ``h`` s; `end` (n) is then what a
-        sensor reads at the next row."""
+        """Hold a command for one row.
+
+        Args:
+            command: (n), A or N m.
+            h: Length of the row, s.
+
+        Returns:
+            (n): the mean over the row of the input that acts.
+
+        """
         if not self.staged:
             self.end = command.copy()
             return command

@@ -1,5 +1,4 @@
-"""Force error of the inverse dynamics: the input that the model asks for along the measured motion, against what was
-commanded.
+"""Force error of the inverse dynamics: the input that the model requires for the measured motion, against the command.
 
 The motion is low-passed without lag (Butterworth of order 4, forwards and backwards, at 5 times the bandwidth) and
 differentiated by central differences; measured and modelled input are then low-passed alike and thinned out, to 2 times
@@ -28,8 +27,15 @@ KEPT = 0.8  # share of the thinned rate's Nyquist frequency up to which the seco
 
 @dataclass(frozen=True, eq=False)
 class ForceError:
-    """``relative`` (n): norm of modelled less measured input, as a share of the measured one's. ``time`` (K,),
-    ``measured`` and ``modelled`` (K, n) in the input's unit (A, or N m and N), after the filters."""
+    """The force error of a log.
+
+    Attributes:
+        relative: (n), the norm of modelled less measured input, as a share of the measured one's.
+        time: (K,), s.
+        measured: (K, n), the filtered measured input, A (or N m and N).
+        modelled: (K, n), the filtered input that the model requires, in the same unit.
+
+    """
 
     relative: Array
     time: Array
@@ -38,9 +44,21 @@ class ForceError:
 
 
 def force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = BANDWIDTH) -> ForceError:
-    """The force error of a rigid ``arm`` on ``log`` under ``inputs`` (T, nu), for a closed loop of ``bandwidth`` Hz.
+    """Compute the force error of a rigid arm on a log.
 
-    Raises PlantError where a drive has springs, LogError where the log is too slow or too short.
+    Args:
+        arm: The arm.
+        log: The log.
+        inputs: (T, nu), the inputs that act in the log, A or N m, and N.
+        bandwidth: The closed loop's bandwidth, Hz.
+
+    Returns:
+        The force error, and the filtered inputs that it compares.
+
+    Raises:
+        PlantError: A drive has springs.
+        LogError: The log is too slow or too short.
+
     """
     from scipy.signal import butter, decimate, filtfilt
 
@@ -74,7 +92,7 @@ def force_error(arm: Arm, log: Log, inputs: Array, bandwidth: float = BANDWIDTH)
 
 
 def _joint_positions(arm: Arm, log: Log) -> Array:
-    """(T, n), of a rigid arm."""
+    """The joint positions (T, n) of a rigid arm."""
     readings = Readings.of(arm, log)
     q = np.empty((len(log), arm.n))
     for (name, j), channel, factor in zip(readings.outputs, readings.measured.T, readings.factors, strict=True):

@@ -1,4 +1,4 @@
-"""Several logs of one machine as one, for a diagnosis that takes them together."""
+"""Several logs of one machine, concatenated for a diagnosis that takes them together."""
 
 from __future__ import annotations
 
@@ -9,12 +9,23 @@ import numpy as np
 from hdagen.log import Log, LogError
 
 PAUSE = 1.0  # s from the last row of a log to the first of the next: no window reaches over it
-ALIKE = 2.0  # ratio of periods up to which logs are taken together: a window has half its usual rows at least
+# Ratio of periods up to which logs are taken together: a window has half its usual rows at least
+ALIKE = 2.0
 
 
 def joined(logs: Sequence[Log]) -> Log:
-    """The logs one after another, with the channels that all of them have. Raises LogError where they were recorded at
-    different rates or of different machines."""
+    """Concatenate logs in time, with the channels that all of them have.
+
+    Args:
+        logs: One log or more, of one machine.
+
+    Returns:
+        The one log itself, or a new log in which a pause of `PAUSE` parts the recordings.
+
+    Raises:
+        LogError: The logs have different numbers of joints, or rates that differ by more than `ALIKE`.
+
+    """
     first = logs[0]
     if len(logs) == 1:
         return first
@@ -26,8 +37,9 @@ def joined(logs: Sequence[Log]) -> Log:
     ]
     if problems:
         raise LogError(problems)
-    shared = [name for name in first.columns if all(name in log for log in logs)]
-    left = sorted({name for log in logs for name in log.columns} - set(shared))
+    common = set.intersection(*(set(log.columns) for log in logs))
+    shared = [name for name in first.columns if name in common]
+    left = sorted({name for log in logs for name in log.columns} - common)
     times, end = [], 0.0
     for log in logs:
         times.append(log.time - log.time[0] + end)
@@ -35,7 +47,9 @@ def joined(logs: Sequence[Log]) -> Log:
     notes = [note for log in logs for note in log.notes]
     if left:
         notes.append(f"Not in every log, and left out: {', '.join(left)}.")
-    columns = {name: np.concatenate([log[name] for log in logs]) for name in shared}
+    columns = {}
+    for name in shared:
+        columns[name] = np.concatenate([log[name] for log in logs])
     source = ", ".join(log.source for log in logs)
     off = max(log.time_uncertainty for log in logs)
     return Log(

@@ -1,11 +1,11 @@
-"""The state of the arm at given rows, from what was measured up to each of them and nothing later.
+"""Estimates of the arm's state at given rows, from the measurements up to each row and none later.
 
 A bank of extended Kalman filters runs over the last rows before each instant, the filters of all instants side by side.
-In a filter the model is driven by the log's inputs, by an extra torque at every motor and every flexible link, and,
-where a flexible joint has two encoders, by an error of the joint's one; these come and go (Ornstein-Uhlenbeck
-processes). The filters of a bank differ in how large they may be, and the one that predicted the rows best is taken: a
-model that is right is used to the full, one that is wrong, or an encoder that is late, hardly bends the state. Extra
-torque and error end with the filter; a replay knows nothing of them.
+In a filter the log's inputs drive the model, with an extra torque at every motor and every flexible link, and with an
+error of the joint's encoder where a flexible joint has two. These extras are Ornstein-Uhlenbeck processes. The
+filters of a bank differ in the size of these processes, and the one that predicted the rows best is taken: a right
+model is used to the full, and a wrong model or a late encoder hardly distorts the state. Extra torque and error end
+with the filter; a replay does not contain them.
 
 Source: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 10.3 (extended
 filter), 8.2 (coloured noise) and 11.6.2 (static multiple-model estimator). Dry friction is the model's own and
@@ -24,27 +24,41 @@ from hdagen.together import together
 from hdagen.torques import full_torque, full_torsion
 
 HORIZON = 0.15  # s of rows that the filters see: a few times the memory of the most trusting one
-FEWEST, MOST = 12, 400  # rows of it
+FEWEST, MOST = 12, 400  # rows of the horizon
 # Standard deviations in each filter: of a motor's extra torque as a share of its input's bound, and of the joint
 # encoder's error as a share of the torsion at the torque of that bound.
 FILTERS = np.array(
     [(1e-2, 10), (1e-4, 10), (1e-2, 0.1), (1e-4, 0.1), (1e-6, 0), (1e-5, 0), (1e-4, 0), (1e-3, 0), (1e-2, 0), (1e-1, 0)]
-)  # the first is where the first row is linearised: it believes the least
-LINK = 0.1  # a link's extra torque as a share of its motor's, seen at the joint
-MEMORY = 0.1  # s, over which extra torque and error come and go
-BURN_IN = 1 / 3  # share of the horizon in which a filter is not judged: it still forgets how it was begun
-SLOPE = 8  # rows of the straight line that begins a filter
-TOGETHER = 16  # instants filtered at once, in a thread
-SHOWN = "motor_position", "motor_velocity", "joint_position", "joint_velocity"  # in the order of the compiled bank
-DOUBT = 0.2  # of a side of the gear that no channel shows: share of the torsion at full torque; 100 times that a second
-FREE = 6.0  # widths of the smooth sign from standstill, from where dry friction has no slope
+)  # the first row is linearised about the first filter, which trusts the model least
+LINK = 0.1  # a link's extra torque as a share of its motor's, at the joint
+MEMORY = 0.1  # s, the correlation time of extra torques and encoder errors
+BURN_IN = 1 / 3  # share of the horizon in which a filter is not judged: it still forgets its initial state
+SLOPE = 8  # rows of the straight line from which a filter starts
+TOGETHER = 16  # instants that one call of a thread filters
+# In the order of the compiled bank
+SHOWN = "motor_position", "motor_velocity", "joint_position", "joint_velocity"
+# Share of the torsion at full torque, of a side of the gear that no channel shows; 100 times it a second
+DOUBT = 0.2
+FREE = 6.0  # widths of the smooth sign from standstill, beyond which dry friction has no slope
 
 
 def estimate(arm: Arm, log: Log, readings: Readings, inputs: Array, rows: Rows, hidden: Array) -> Array:
-    """The state (S, nx) at each of ``rows`` (S, increasing, above 0), with ``inputs`` (T, nu) held from row to row.
+    """Estimate the state of an arm at some rows of a log.
 
-    ``hidden`` (T, nx less positions and velocities): the effects' own states; read where a horizon begins, from where
-    the filters carry them on. NaN where no filter stayed within the bounds.
+    Args:
+        arm: The arm.
+        log: The log.
+        readings: Its channels.
+        inputs: (T, nu), the inputs, each held from its row to the next.
+        rows: (S), the rows, increasing and above 0.
+        hidden: (T, nx − m), the effects' own states; each filter starts from them where its horizon begins.
+
+    Returns:
+        (S, nx), the states; NaN where no filter stayed within the bounds.
+
+    Source:
+        Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 10.3, 8.2, 11.6.2.
+
     """
     back = int(np.clip(round(HORIZON / log.period), FEWEST, MOST))
     bank = Bank(arm, readings)
@@ -65,15 +79,18 @@ class Bank:
 
     def __init__(self, arm: Arm, readings: Readings) -> None:
         self.arm, self.readings = arm, readings
-        flexible, n = arm.manifest["flexible"], arm.n
+        flexible, n, p = arm.manifest["flexible"], arm.n, arm.parameters
         self.m, self.n = mechanical(arm), n
-        self.sliding = [arm.index(f"{'motor' if j in flexible else 'joint'}_velocity_{j}") for j in range(1, n + 1)]
         self.doubly = [j for j in flexible if {("motor_position", j), ("joint_position", j)} <= set(readings.outputs)]
         self.D = self.m + n + len(flexible) + len(self.doubly)
-        p = arm.parameters
-        width = [
-            p[f"friction_smoothing_{j}"] / (1.0 if j in flexible else abs(p[f"ratio_{j}"])) for j in range(1, n + 1)
-        ]
+        self.sliding, width = [], []
+        for j in range(1, n + 1):
+            if j in flexible:
+                self.sliding.append(arm.index(f"motor_velocity_{j}"))
+                width.append(p[f"friction_smoothing_{j}"])
+            else:
+                self.sliding.append(arm.index(f"joint_velocity_{j}"))
+                width.append(p[f"friction_smoothing_{j}"] / abs(p[f"ratio_{j}"]))
         self.free = FREE * np.array(width)
         full = np.array([slot["bound"] for slot in arm.manifest["input"][:n]])
         at_joint = full_torque(arm)
@@ -83,7 +100,7 @@ class Bank:
         trust, agree = FILTERS[:, :1], FILTERS[:, 1:]
         self.extra = np.hstack([trust * [*full, *push], agree * [twist[j - 1] for j in self.doubly]])  # (L, D − m)
         self.split = np.flatnonzero(FILTERS[:, 1] > 0)
-        self.doubt = np.zeros(self.D)  # of what no channel says
+        self.doubt = np.zeros(self.D)  # standard deviations of states that no channel shows
         for j in flexible:
             for side, size in (("motor", abs(p[f"ratio_{j}"])), ("joint", 1.0)):
                 self.doubt[arm.index(f"{side}_position_{j}")] = DOUBT * twist[j - 1] * size
@@ -97,7 +114,7 @@ class Bank:
             self.read[readings.outputs.index(("joint_position", j)), k] = 1.0
 
     def _slopes(self) -> Array:
-        """Derivative of the channels by positions and velocities (M, m), straight arm in slow motion."""
+        """The derivative of the channels by positions and velocities (M, m), for a straight arm in slow motion."""
         x = np.zeros((2 * self.m, self.arm.nx))
         x[:, self.sliding] = self.free
         size = 1e-3 * np.array([slot["bound"] for slot in self.arm.manifest["state"]])[: self.m]
@@ -108,8 +125,20 @@ class Bank:
         return np.asarray((seen[: self.m] - seen[self.m :]).T / (2 * size))
 
     def run(self, time: Array, inputs: Array, first: Rows, last: Rows, noise: Array, hidden: Array) -> Array:
-        """The states (W, nx) at the rows ``last`` from the rows ``first`` on, with ``noise`` (W, M) of the channels;
-        ``hidden``: the effects' own states at ``first``."""
+        """Run the filters from some rows to others.
+
+        Args:
+            time: (T), s.
+            inputs: (T, nu), the inputs.
+            first: (W), the rows at which the filters begin.
+            last: (W), the rows at which they end.
+            noise: (W, M), standard deviations of the channels' noise.
+            hidden: (W, nx − m), the effects' own states at ``first``.
+
+        Returns:
+            (W, nx), the states at ``last``.
+
+        """
         arm, s = self.arm, self.readings
         x, extra, P = self._begin(time, first, last, noise)
         x[..., self.m :] = hidden[:, None]
@@ -125,8 +154,8 @@ class Bank:
         return found
 
     def _begin(self, time: Array, row: Rows, last: Rows, noise: Array) -> tuple[Array, Array, Array]:
-        """State (W, L, nx), extra (W, L, D − m) and covariance (W, L, D, D) at ``row``; no row after ``last`` is
-        read."""
+        """The state (W, L, nx), extra torques and errors (W, L, D − m) and covariance (W, L, D, D) at ``row``, from
+        rows up to ``last``."""
         W, L = len(row), len(FILTERS)
         x, P = self._line(time, row, last, noise, set())
         x, P = np.repeat(x[:, None], L, 1), np.repeat(P[:, None], L, 1)
@@ -146,8 +175,11 @@ class Bank:
         return x, extra, P
 
     def _line(self, time: Array, row: Rows, last: Rows, noise: Array, ignored: set[int]) -> tuple[Array, Array]:
-        """State (W, nx) and covariance (W, D, D) at ``row``: positions as measured, velocities of a straight line
-        through the rows that follow; the states ``ignored`` follow from the others."""
+        """The state (W, nx) and covariance (W, D, D) at ``row``.
+
+        Positions are as measured, velocities those of a straight line through the rows that follow; the states
+        ``ignored`` follow from the others.
+        """
         s = self.readings
         rows = np.minimum(row[:, None] + np.arange(SLOPE), last[:, None])
         t = time[rows] - time[row][:, None]

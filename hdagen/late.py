@@ -1,7 +1,7 @@
-"""What sensors read along a whole path: an encoder that is read late shows where the joint was then.
+"""Readings of sensors along a whole path, with delayed encoders: a late reading shows where the joint was earlier.
 
-At one instant the model knows a late reading only as a series, which a joint that rings fast does not follow. Along a
-path the past is there: between rows it is Hermite's cubic of angle and speed.
+At a single instant the model can only expand a late reading as a series in the delay, which fails for a joint that
+rings fast. Along a path the earlier angles are known: between rows they are Hermite's cubic of angle and speed.
 
 Legend: d age of a joint encoder's reading, s; q, q̇ joint angle and speed.
 """
@@ -17,19 +17,25 @@ from numpy.typing import NDArray
 from hdagen.plant import Arm, Array
 
 Rows = NDArray[np.intp]
-APART = 3.0  # times the usual time between rows, from where rows are not neighbours
+APART = 3.0  # usual steps between rows, from where rows are not neighbours
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Rows at ``time`` (T), s; ``begins``: rows at which a path begins that knows nothing of the one before."""
+    """The instants of sampled paths.
+
+    Attributes:
+        time: (T), s.
+        begins: First rows of paths that know nothing of the path before; None: one path.
+
+    """
 
     time: Array
     begins: Rows | None = None
 
     @cached_property
     def number(self) -> NDArray[np.int32]:
-        """Which path each row is on (T)."""
+        """The number of the path that each row is on, (T)."""
         begin = np.zeros(len(self.time), np.int32)
         if self.begins is not None:
             begin[self.begins] = 1
@@ -37,13 +43,26 @@ class Path:
 
     @cached_property
     def far(self) -> float:
-        """Time between rows from which they are no neighbours, s."""
-        return APART * float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
+        """The time between rows above which they are not neighbours, s."""
+        if len(self.time) < 2:
+            return 0.0
+        return APART * float(np.median(np.diff(self.time)))
 
 
 def read(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) -> dict[str, Array]:
-    """`Arm.outputs` for the states x (T, nx) at ``time`` (T) with what acts there, u (T, nu); joint_position is read as
-    late as ``sensor_delay`` says. ``begins``: rows at which a path begins that knows nothing of the one before."""
+    """Evaluate `Arm.outputs` along paths, with joint_position as late as the parameter sensor_delay says.
+
+    Args:
+        arm: The arm.
+        time: (T), s.
+        x: (T, nx), the states.
+        u: (T, nu), the inputs that act at each instant.
+        begins: First rows of paths that know nothing of the path before; None: one path.
+
+    Returns:
+        Every output by name, (T, k).
+
+    """
     if not _ages(arm).any():
         return arm.outputs(x, u)
     prompt = arm.p.copy()
@@ -56,7 +75,17 @@ def read(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) 
 
 
 def positions(arm: Arm, path: Path, x: Array) -> dict[str, Array]:
-    """motor_position and joint_position (T, n) as `read` gives them, for the states x (T, nx) along ``path``."""
+    """Evaluate only the two positions that `read` gives.
+
+    Args:
+        arm: The arm.
+        path: The instants of the states.
+        x: (T, nx), the states.
+
+    Returns:
+        motor_position and joint_position, (T, n) each, rad (m where prismatic).
+
+    """
     seen = {name: np.empty((len(x), arm.n)) for name in ("motor_position", "joint_position")}
     arm.module.map("positions", len(x), np.ascontiguousarray(x), arm.c, *seen.values())
     _delayed(arm, path, x, seen["joint_position"])
@@ -64,13 +93,13 @@ def positions(arm: Arm, path: Path, x: Array) -> dict[str, Array]:
 
 
 def _ages(arm: Arm) -> Array:
-    """Age of the reading of each joint's encoder (n), s."""
+    """The delay of each joint's encoder (n), s."""
     names = (f"sensor_delay_{j}" for j in range(1, arm.n + 1))
     return np.array([arm.parameters.get(name, 0.0) for name in names])
 
 
 def _delayed(arm: Arm, path: Path, x: Array, angle: Array) -> None:
-    """Make readings ``angle`` (T, n) of the joints' encoders as old as they are, in place."""
+    """Replace the angles (T, n) of the joints' encoders by the delayed ones, in place."""
     ages = _ages(arm)
     if ages.any():
         arm.module.late(np.ascontiguousarray(x), path.time, path.number, path.far, ages, angle)

@@ -1,4 +1,4 @@
-"""A measured or simulated log: what was sampled, row by row, checked, in SI, under the names of docs/log.md."""
+"""A measured or simulated log: samples row by row, checked, in SI, under the names of docs/log.md."""
 
 from __future__ import annotations
 
@@ -29,17 +29,24 @@ _SLOWEST = 0.2  # s between rows; a control log is faster, so an undeclared unit
 _FASTEST = 1e-6  # s
 _HUGE = 1e9  # SI; no channel of an arm reaches it
 _FARTHEST = 1e20  # s; stamps of any unit are nearer to the beginning of any clock
-_CHANGED = 0.1  # share of the rows with a repeated stamp that are rows of their own, where a clock is coarse
-_GAP = 1.75  # periods between rows that count as a gap: two where one row is missing, less a quarter of jitter
+# Share of rows with a repeated stamp that differ from the row before, where a clock is coarse
+_CHANGED = 0.1
+_GAP = 1.75  # periods between rows from where a row is missing: two, less a quarter for jitter
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One row a sample. ``time`` (T,) in s, increasing; ``columns`` float64 (T,) by name (``motor_current_1``, …), SI.
+    """A log with one sample a row. Row k is sampled at time[k]; a command in row k is held to the next row.
 
-    Row k holds what is sampled at time[k]; a command in row k is held from there to the next row.
-    ``notes`` says, in sentences, what was converted or repaired. ``stamps`` (T,): the time column as it was logged,
-    where ``time`` is a better clock; else None. ``time_uncertainty``: standard deviation of ``time``, s.
+    Attributes:
+        time: (T,), increasing, s.
+        columns: (T,) each, float64, SI, by name (``motor_current_1``, …).
+        n_joints: The number of joints.
+        source: Its origin, for sentences on it.
+        notes: Sentences on conversions and repairs.
+        stamps: (T,), the time column as logged where ``time`` is a better clock; else None.
+        time_uncertainty: Standard deviation of ``time``, s.
+
     """
 
     time: np.ndarray
@@ -58,7 +65,7 @@ class Log:
                 raise ValueError(f"column {name} has shape {values.shape}, time {self.time.shape}")
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Column ``name`` (or ``time``), shape (T,). Raises KeyError saying what there is."""
+        """The column ``name`` (or "time"), (T,). Raises KeyError with the names of the columns."""
         if name == "time":
             return self.time
         if name not in self.columns:
@@ -82,25 +89,53 @@ class Log:
         return self.time if self.stamps is None else self.stamps
 
     def rows(self, start: int, stop: int) -> Log:
-        """The rows start … stop − 1, counted from 0, as views."""
+        """Take a range of rows.
+
+        Args:
+            start: The first row, from 0.
+            stop: The row after the last.
+
+        Returns:
+            The rows as a log whose arrays are views.
+
+        """
         return self.taken(slice(start, stop))
 
     def taken(self, rows: np.ndarray | slice) -> Log:
-        """Some rows, by numbers, by a mask or as a slice."""
+        """Take some rows.
+
+        Args:
+            rows: Row numbers, a mask (T,) or a slice.
+
+        Returns:
+            The rows as a log.
+
+        """
         part = {name: values[rows] for name, values in self.columns.items()}
         stamps = None if self.stamps is None else self.stamps[rows]
         return replace(self, time=self.time[rows], columns=part, stamps=stamps)
 
 
 def read(path: Path | str, columns: Path | str | None = None, joints: int | None = None, holes: bool = False) -> Log:
-    """Read a log (.csv, .parquet, .mat), through a columns.toml where its names, units or signs are foreign.
+    """Read a log, through a columns.toml where its names, units or signs are foreign.
 
-    ``joints``: how many the robot has; the log must have the same. ``holes``: values that are missing stay NaN, for
-    `hdagen.repair`, where otherwise they are refused. Raises LogError with every problem at once,
-    ColumnsError where columns.toml is at fault.
+    Args:
+        path: The log, .csv, .tsv, .txt, .parquet or .mat.
+        columns: The columns.toml, if any.
+        joints: The robot's number of joints, which the log must have; None: any number.
+        holes: Whether missing values stay NaN, for `hdagen.repair`; else they are refused.
+
+    Returns:
+        The log, in SI.
+
+    Raises:
+        LogError: The log cannot be used; every problem is listed.
+        ColumnsError: The columns.toml is at fault.
+
     """
-    path = Path(path)
-    mapping = columns_toml.load(columns) if columns is not None else ColumnMap({})
+    path, mapping = Path(path), ColumnMap({})
+    if columns is not None:
+        mapping = columns_toml.load(columns)
     raw = _read_table(path, mapping)
     mapped = mapping.apply(raw)
     logged = mapped.time
@@ -119,42 +154,73 @@ def read(path: Path | str, columns: Path | str | None = None, joints: int | None
     if same.any():
         notes.append(f"{np.count_nonzero(same)} row(s) with a repeated time stamp were dropped.")
         part = part[~same]
-    whole = len(part) == len(mapped.time)  # then nothing is copied
-    time = mapped.time if whole else mapped.time[part]
-    values = {name: column if whole else column[part] for name, column in mapped.columns.items()}
+    time, values, stamps = mapped.time, mapped.columns, None
+    if len(part) < len(time):  # else nothing is copied
+        time, values = time[part], {name: column[part] for name, column in values.items()}
     ignored = [name for name in raw.names if name and not mapping.reads(name)]
     if ignored:
         notes.append(f"Columns not used: {list_some(ignored, 12)}.")
-    stamps = None if logged is None or logged is mapped.time else logged[part]
+    if logged is not None and logged is not mapped.time:
+        stamps = logged[part]
     log = _on_better_clock(Log(time, values, _count_joints(values), printable(path), tuple(mapped.notes), stamps))
     said = (*raw.notes, *log.notes, *notes, *_gap_notes(log.time, raw, part))
     return replace(log, notes=tuple(printable(note) for note in said))
 
 
 def write(log: Log | Mapping[str, np.ndarray], path: Path | str) -> None:
-    """Write a log, or columns by name, to .csv or .parquet; reading gives the same numbers back, to the last bit.
+    """Write a log, or columns by name; reading gives the same numbers back, to the last bit.
 
-    The file appears whole or not at all. Raises LogError.
+    The file appears whole or not at all.
+
+    Args:
+        log: The log, or arrays (T,) by name.
+        path: The file, ending in .csv or .parquet.
+
+    Raises:
+        LogError: The columns or the path will not do, or the file cannot be written.
+
     """
-    table.write({"time": log.logged_time, **log.columns} if isinstance(log, Log) else log, path)
+    if isinstance(log, Log):
+        log = {"time": log.logged_time, **log.columns}
+    table.write(log, path)
 
 
 def gaps(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where rows are missing: the rows before each gap, shape (G,), and how many are missing in each, shape (G,)."""
+    """Find the gaps in which rows are missing.
+
+    Args:
+        time: (T,), increasing, s.
+
+    Returns:
+        (G,) the row before each gap, and (G,) the number of rows that are missing in it.
+
+    """
     steps = np.diff(time)
-    missing = np.rint(steps / np.median(steps)).astype(int) - 1 if len(steps) else np.empty(0, int)
-    rows = np.flatnonzero((missing > 0) & (steps > _GAP * np.median(steps))) if len(steps) else np.empty(0, int)
+    if not len(steps):
+        return np.empty(0, int), np.empty(0, int)
+    usual = np.median(steps)
+    missing = np.rint(steps / usual).astype(int) - 1
+    rows = np.flatnonzero((missing > 0) & (steps > _GAP * usual))
     return rows, missing[rows]
 
 
 def parts(time: np.ndarray, longest: float) -> list[tuple[int, int]]:
-    """Rows [start, stop) between the steps of ``time`` (T,), s, that are longer than ``longest``."""
+    """Split rows at long pauses.
+
+    Args:
+        time: (T,), increasing, s.
+        longest: The longest step that is no pause, s.
+
+    Returns:
+        The rows [start, stop) of each part, none empty.
+
+    """
     cuts = [0, *(np.flatnonzero(np.diff(time) > longest) + 1).tolist(), len(time)]
     return [(a, b) for a, b in pairwise(cuts) if b > a]
 
 
 def _with_spread_stamps(mapped: Mapped, source: Source | None) -> Mapped:
-    """Even time where stamps repeat because their clock is coarse; the stamps where a columns.toml says what to do."""
+    """Even time where stamps repeat because their clock is coarse; the stamps where a columns.toml treats them."""
     inside = slice(mapped.start, mapped.stop)
     if mapped.time is None or (source and source.duplicates) or not np.isfinite(mapped.time[inside]).all():
         return mapped
@@ -169,17 +235,27 @@ def _with_spread_stamps(mapped: Mapped, source: Source | None) -> Mapped:
 
 
 def _on_better_clock(log: Log) -> Log:
-    """The log on the clock that its encoders bear out, and what that leaves uncertain."""
+    """The log on the clock on which its encoders' paths are smoothest, with the uncertainty that is left."""
     paths = {name: values for name, values in log.columns.items() if (split_name(name) or ("", 0))[0] in _POSITIONS}
     clock = judge_clock(log.time, paths)
-    notes = (*log.notes, clock.note) if clock.note else log.notes
-    stamps = log.stamps if clock.time is log.time else log.logged_time
+    notes, stamps = log.notes, log.stamps
+    if clock.note:
+        notes = (*notes, clock.note)
+    if clock.time is not log.time:
+        stamps = log.logged_time
     return replace(log, time=clock.time, notes=notes, stamps=stamps, time_uncertainty=clock.uncertainty)
 
 
 def check_log(path: Path) -> None:
-    """Refuse a log that is of no known format, not there, no regular file or too large, before anything is read. Raises
-    LogError."""
+    """Refuse a file that can be no log, before anything is read.
+
+    Args:
+        path: The file.
+
+    Raises:
+        LogError: The file has no known format, is missing, is not regular or is too large.
+
+    """
     if path.suffix.lower() not in _FORMATS:
         possible = ", ".join(_FORMATS)
         raise LogError([f"{shown_path(path)}: no log ends in {shown(path.suffix)}; possible are {possible}."])
@@ -204,7 +280,7 @@ def _count_joints(columns: Mapping[str, np.ndarray]) -> int:
 
 
 def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -> list[str]:
-    """What a log needs: time, and per joint one current or torque and one position."""
+    """Check the columns that a log needs: time, and for each joint one current or torque and one position."""
     problems, lacking = [], list[str]()
     if mapped.time is None:
         problems.append(f"{path}: there is no column time: name it so, or say in columns.toml [time] from = which.")
@@ -228,7 +304,9 @@ def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -
                     "a columns.toml."
                 )
                 lacking += names
-    return [*problems, f"{path}: the file has {list_nearest(lacking, raw.names, 40)}."] if lacking else problems
+    if lacking:
+        problems.append(f"{path}: the file has {list_nearest(lacking, raw.names, 40)}.")
+    return problems
 
 
 def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source: Source | None) -> list[str]:
@@ -267,7 +345,11 @@ def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source
         )
     step = float(np.median(steps))
     if not declared and not len(back) and step >= _SLOWEST:
-        unit, word = ("ms", "milli") if step < 100 else ("us", "micro") if step < 1e5 else ("ns", "nano")
+        unit, word = "ns", "nano"
+        if step < 100:
+            unit, word = "ms", "milli"
+        elif step < 1e5:
+            unit, word = "us", "micro"
         problems.append(
             f"{path}: time looks like {word}seconds (rows are {step:.6g} apart, and s is expected): set "
             f'unit = "{unit}" under [time] in columns.toml, or unit = "s" if it is right.'
@@ -305,7 +387,7 @@ def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[s
 
 
 def _gap_notes(time: np.ndarray, raw: Table, rows_of: np.ndarray) -> list[str]:
-    """What is missing in ``time`` (T,), whose rows are ``rows_of`` (T,) of the file."""
+    """Describe the gaps in ``time`` (T,), whose rows are ``rows_of`` (T,) of the file."""
     rows, missing = gaps(time)
     if not len(rows):
         return []

@@ -1,9 +1,9 @@
-"""Closed loops by the thousand: one controller with many sets of gains against the compiled arm, as many at once as a
-vector has lanes, controller and sensors inside.
+"""Closed loops by the thousand: one controller with many sets of gains on the compiled arm.
 
-A set is simulated as `simulate.run` does it, with encoders that count, a force sensor with noise, delays, the input
-effects of the model and the guard's limits of torque and rate; dry friction has the smooth sign, and faults of the
-guard are not looked for. Sets share reference, pushes and noise, so that what differs comes from the gains.
+As many sets are simulated at once as a vector has lanes, controller and sensors inside. A set is simulated as
+`hdagen.simulation.run` does it, with encoders that count, a force sensor with noise, delays, the input effects of the
+model and the guard's limits of torque and rate; dry friction has the smooth sign, and faults of the guard are not
+looked for. Sets share reference, pushes and noise, so that differences come from the gains.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from numpy.typing import ArrayLike
 from hdagen.control import Controller
 from hdagen.names import list_nearest
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.reference import Reference, fitting, posture
-from hdagen.simulation import Push, Sensors, errors, forces
+from hdagen.reference import Reference, fitting
+from hdagen.sensors import Sensors, errors
+from hdagen.simulation import Push, find_start, forces
 from hdagen.torques import torque_per_input
 
-LATEST = 16  # ticks of delay, as the library holds them
+LATEST = 16  # ticks of delay at most, by the compiled library
 Judge = Callable[[Array, Array], Array]  # tip (T, W, 2, m) and torques sent (T, W, n, N m) -> (W, k)
 
 
@@ -37,11 +38,27 @@ def closed_loops(
     start: ArrayLike | None = None,
     threads: int = 2,
 ) -> Array:
-    """What ``judge`` says of each set, (B, k).
+    """Simulate closed loops with many sets of gains and judge each.
 
-    ``gains``: name -> (B,), the others as the controller has them; ``controller`` gives law, guard and model of the
-    arm. ``judge`` is called with the trajectories of a few sets at once, from ``threads`` threads. ``start`` as in
-    `simulate.run`. Raises PlantError.
+    Args:
+        arm: The arm.
+        controller: Its law, guard, model of the arm, and the gains that do not vary.
+        reference: The motion that it follows.
+        gains: (B,) each, by name: the gains that vary.
+        judge: Called with tips (T, W, 2, m) and torques sent (T, W, n, N m) of W sets at once, from several threads;
+            returns (W, k).
+        pushes: Forces on the tip.
+        sensors: The sensors' errors; None: from the robot file.
+        seed: The seed of all noise, from 0.
+        start: (n), joint positions near which the motion begins; None: a bent arm.
+        threads: The number of threads.
+
+    Returns:
+        (B, k), the judgement of each set.
+
+    Raises:
+        PlantError: A gain, the motion or the sensors do not fit the controller.
+
     """
     table = _table(controller, gains)
     if controller.arm.folder != arm.folder:
@@ -52,8 +69,7 @@ def closed_loops(
     scheme = errors(arm, sensors or Sensors())
     if scheme.delay > LATEST:
         raise PlantError(f"a delay of {scheme.delay} ticks is more than closed loops in lanes take, {LATEST}.")
-    near = np.full(arm.n, 0.6) if start is None else np.asarray(start, float)
-    q0 = posture(arm, reference.position[0], near) if reference.space == "tip" else reference.position[0]
+    q0 = find_start(arm, reference, start)
     rows = controller.rows(fitting(controller, reference, q0))
     push = forces(pushes, reference.time)
     felt = push + np.random.default_rng(seed).normal(size=push.shape) * scheme.force_noise
@@ -109,7 +125,7 @@ class _Group:
         self.arm, self.number, self.x0, self.settings = arm, controller.number, x0, settings
         module = arm.module
         self.known = controller.arm.c.copy()
-        self.world = world  # push (T, 2), what the force sensor says of it (T, 2), noise of the encoders (T, 2n)
+        self.world = world  # push (T, 2), the force sensor's reading of it (T, 2), noise of the encoders (T, 2n)
         self.widest = module.length("loops_tick", "tip") // 2
         self.gains = module.length("loops_begin", "gains") // self.widest
         self.rows = np.zeros((len(rows), module.length("loops_tick", "reference")))

@@ -12,7 +12,7 @@ import hdagen
 
 
 def describe_machine() -> dict[str, str]:
-    """Processor, how busy it was, versions and date, as they stand beside what was measured."""
+    """Describe the machine that takes a measurement: processor, load, versions and date, by name."""
     return {
         "processor": _processor(),
         "processors": str(os.cpu_count()),

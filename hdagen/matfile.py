@@ -17,19 +17,28 @@ from typing import Any
 import numpy as np
 
 _LARGEST = 2 << 30  # bytes of a file
-_MEMORY = 3 << 29  # bytes of address space beyond what the libraries take
+_MEMORY = 3 << 29  # bytes of address space beyond that of the libraries
 _SECONDS = 60.0
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_FAILED = 3  # the child's exit code where the reader refused the file, its reason on standard error
-_MAX_COLUMNS = 4096  # of one matrix, or of one file
+_FAILED = 3  # the child's exit code where the reader refuses the file; the reason is on standard error
+_MAX_COLUMNS = 4096  # vectors of one matrix, or of one file
 
 
 def read_mat(path: Path | str, seconds: float = _SECONDS, memory: int = _MEMORY) -> dict[str, np.ndarray]:
-    """The file's real numeric variables as 1-D float64 arrays by name; other variables are left out.
+    """Read the real numeric variables of a .mat file; other variables are left out.
 
-    A vector has its own name; fields of a struct are ``name.field``; a matrix gives its columns as ``name(:,1)``, …, or
-    its rows as ``name(1,:)``, … where it is wider than tall. Raises LogError: damaged, too large (``memory``, bytes),
-    too slow (``seconds``), version 7.3.
+    Args:
+        path: The file, of MATLAB's versions 4 to 7.
+        seconds: Time that reading may take, s.
+        memory: Memory that reading may take, bytes.
+
+    Returns:
+        float64 vectors by name. A vector has its own name; fields of a struct are ``name.field``; a matrix gives its
+        columns as ``name(:,1)``, …, or its rows as ``name(1,:)``, … where it is wider than tall.
+
+    Raises:
+        LogError: The file is damaged, too large, too slow to read, or of version 7.3.
+
     """
     from hdagen.input_file import InputFileError, check_file  # not above: the child runs this file without the package
     from hdagen.table import LogError
@@ -61,7 +70,7 @@ def read_mat(path: Path | str, seconds: float = _SECONDS, memory: int = _MEMORY)
 
 
 def _run_child(path: Path, out: Path, reason: Path, seconds: float, memory: int) -> str | None:
-    """Read ``path`` into ``out`` in a child process; None, or what went wrong."""
+    """Read ``path`` into ``out`` in a child process; return a phrase on the problem, if any."""
     command = [
         sys.executable,
         "-I",
@@ -94,7 +103,9 @@ def _run_child(path: Path, out: Path, reason: Path, seconds: float, memory: int)
         with reason.open("rb") as errors:
             text = errors.read(2000).decode("utf-8", errors="replace")
         return next((line.strip() for line in reversed(text.splitlines()) if line.strip()), "no reason given")[:300]
-    return f"the reader crashed with {'signal ' + str(-code) if code < 0 else 'exit code ' + str(code)}"
+    if code < 0:
+        return f"the reader crashed with signal {-code}"
+    return f"the reader crashed with exit code {code}"
 
 
 def _limit(memory: int, seconds: float) -> None:
@@ -106,14 +117,17 @@ def _limit(memory: int, seconds: float) -> None:
     used = 0
     if Path("/proc/self/statm").exists():
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    for what, limit in (
+    for what, wanted in (
         (resource.RLIMIT_AS, used + memory),
         (resource.RLIMIT_FSIZE, memory),
         (resource.RLIMIT_CPU, int(seconds) + 1),
         (resource.RLIMIT_CORE, 0),
     ):
         hard = resource.getrlimit(what)[1]
-        resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+        soft = wanted
+        if hard != resource.RLIM_INFINITY:
+            soft = min(wanted, hard)
+        resource.setrlimit(what, (soft, hard))
 
 
 def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
@@ -130,9 +144,11 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     if array.ndim < 2:
         yield name, np.atleast_1d(array).astype(np.float64)
     elif min(array.shape) <= _MAX_COLUMNS:
-        tall = array.shape[0] >= array.shape[1]
-        for i, vector in enumerate(array.T if tall else array, start=1):
-            yield (f"{name}(:,{i})" if tall else f"{name}({i},:)"), np.ascontiguousarray(vector, dtype=np.float64)
+        pattern = "{}({},:)"
+        if array.shape[0] >= array.shape[1]:
+            array, pattern = array.T, "{}(:,{})"
+        for i, vector in enumerate(array, start=1):
+            yield pattern.format(name, i), np.ascontiguousarray(vector, dtype=np.float64)
 
 
 def _child(path: str, out: str, memory: int, seconds: float) -> None:

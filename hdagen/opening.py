@@ -1,4 +1,4 @@
-"""Builds found or made, checked, and loaded: what keeps a foreign or damaged library out of the process."""
+"""Finding, making, checking and loading builds, so that no foreign or damaged library enters the process."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from hdagen.ownership import find_other_writer
 SCHEMA = 1
 PROFILES = ("portable", "native")
 LONGEST = 4096  # bytes of a path
-PATIENCE = 5.0  # s, that an interrupted build has to put its things away
-MOST_LINES = 200  # of what is said
+PATIENCE = 5.0  # s that an interrupted build has to remove its files
+MOST_LINES = 200  # lines of an error
 
 
 class PlantError(Exception):
@@ -32,26 +32,50 @@ class PlantError(Exception):
 
     def __init__(self, text: object) -> None:
         lines = str(text).split("\n")
-        more = [f"{len(lines) - MOST_LINES} more are not listed: mend these first."] if len(lines) > MOST_LINES else []
-        super().__init__("\n".join([*(printable(line.expandtabs()) for line in lines[:MOST_LINES]), *more]))
+        listed = [printable(line.expandtabs()) for line in lines[:MOST_LINES]]
+        if len(lines) > MOST_LINES:
+            listed.append(f"{len(lines) - MOST_LINES} more are not listed: mend these first.")
+        super().__init__("\n".join(listed))
 
 
 class Structured(Protocol):
-    """What says how a predictive controller is compiled."""
+    """A predictive controller's configuration, as far as its compilation depends on it."""
 
     @property
     def structure(self) -> str:
-        """As `python -m gen build --mpc` takes it."""
+        """The structure, as `python -m gen build --mpc` takes it."""
 
     def refusals(self, robot: Mapping[str, Any]) -> list[str]:
-        """Why it cannot be used with a robot, as a build's manifest describes it; one sentence a problem."""
+        """Find the reasons why the configuration cannot be used with a robot.
+
+        Args:
+            robot: The robot, as a build's manifest describes it.
+
+        Returns:
+            One sentence for each problem.
+
+        """
 
 
 def folder_of(
     robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: Structured | None = None
 ) -> Path:
-    """The folder of a robot's build, made by a child process where it is not there yet, after ``mpc`` has been found
-    to fit the robot. Raises PlantError."""
+    """Find the folder of a robot's build; a child process builds it where it does not exist yet.
+
+    Args:
+        robot: A preset or the path of a robot.toml.
+        profile: "portable" or "native".
+        effects: Effects that are added to the model.
+        out: The folder where builds lie; None: as `find_builds` finds it.
+        mpc: The predictive controller to be compiled, checked against the robot first.
+
+    Returns:
+        The folder of the build.
+
+    Raises:
+        PlantError: An argument will not do, or the build fails.
+
+    """
     name = os.fspath(robot)
     if not name or "\0" in name or len(name) > LONGEST:
         raise PlantError(f"{name[:40]!r} names no robot; give a preset, a robot.toml, or the folder of a build.")
@@ -69,18 +93,21 @@ def folder_of(
     _refuse_others(folder)
     if mpc and (problems := mpc.refusals(json.loads("\n".join(_gen("describe", "--", name))))):
         raise PlantError("\n".join(problems))
-    wanted = [f"--effects={','.join(effects)}", f"--mpc={mpc.structure if mpc else ''}"]
+    structure = ""
+    if mpc:
+        structure = mpc.structure
+    wanted = [f"--effects={','.join(effects)}", f"--mpc={structure}"]
     return Path(_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
 
 
 def find_builds(out: str | Path | None = None) -> Path:
-    """The folder where builds lie.
+    """Find the folder where builds lie.
 
     Args:
-        out: The folder that was asked for, if any.
+        out: The folder that the caller names, if any.
 
     Returns:
-        ``out``, else $HDAGEN_BUILD, else ./build where it is there, else ``hdagen`` in the user's cache
+        ``out``, else $HDAGEN_BUILD, else ./build where it exists, else ``hdagen`` in the user's cache
         ($XDG_CACHE_HOME or ~/.cache), which is made with mode 0700.
 
     Raises:
@@ -93,7 +120,9 @@ def find_builds(out: str | Path | None = None) -> Path:
         return Path("build")
     try:
         caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
-        folder = (caches if caches.is_absolute() else Path.home() / ".cache") / "hdagen"
+        if not caches.is_absolute():
+            caches = Path.home() / ".cache"
+        folder = caches / "hdagen"
         _make_private(folder)
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or error
@@ -124,17 +153,30 @@ def _refuse_others(path: Path) -> None:
 
 
 def mended(robot: Path) -> tuple[float, tuple[float, ...]]:
-    """The step, s, and the widths of smooth friction by joint, rad/s, with which a robot.toml can be built: its own
-    where those will do. Raises PlantError where anything else is wrong with the file."""
+    """Find a step and widths of smooth friction with which a robot.toml can be built.
+
+    Args:
+        robot: The robot.toml.
+
+    Returns:
+        The step, s, and the width of each joint's smooth friction, rad/s: the file's own where those will do.
+
+    Raises:
+        PlantError: Anything else is wrong with the file.
+
+    """
     said = json.loads("\n".join(_gen("mend", "--", os.fspath(robot))))
     return said["step"], tuple(said["friction_smoothing"])
 
 
 def _gen(*arguments: str) -> list[str]:
-    """What `python -m gen` prints, by a child process; what it says of a build goes on to people. Raises PlantError."""
+    """Run `python -m gen` in a child process and return the lines that it prints.
+
+    Its messages on a build are passed on to standard error. Raises PlantError.
+    """
     command = [sys.executable, "-P", "-m", "gen", *arguments]
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
-    # what it prints goes to a file: two pipes of which only one is read can each wait for the other
+    # its output goes to a file: of two pipes of which only one is read, each can wait for the other
     with (
         tempfile.TemporaryFile("w+") as printed,
         start_together(
@@ -167,16 +209,34 @@ def _gen(*arguments: str) -> list[str]:
 
 
 def remedy(folder: Path) -> str:
-    """What to do about a build that cannot be used."""
+    """Say how to replace a build that cannot be used.
+
+    Args:
+        folder: The folder of the build.
+
+    Returns:
+        The end of a sentence.
+
+    """
     return f"remove {folder} and build again with `python -m gen build`."
 
 
 def opened(folder: Path) -> tuple[dict[str, Any], Any]:
-    """The manifest and the module of a build, after every check that keeps a foreign or damaged library out of the
-    process."""
+    """Check and load a build.
+
+    Args:
+        folder: The folder of the build.
+
+    Returns:
+        The manifest and the compiled module.
+
+    Raises:
+        PlantError: The build is damaged, of another user, of another version or for another processor.
+
+    """
     again = remedy(folder)
     _refuse_others(folder / "manifest.json")
-    own = folder.resolve()  # what was looked at, whatever becomes of a symbolic link
+    own = folder.resolve()  # the checked folder, even if a symbolic link changes afterwards
     try:
         manifest = json.loads((own / "manifest.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

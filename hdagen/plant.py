@@ -1,25 +1,18 @@
-"""A compiled arm: found or built, checked, loaded, and called from numpy.
-
-Vectors are named by the build's manifest; nothing about a model is typed twice here.
-"""
+"""A compiled arm: found or built, checked, loaded, and integrated over time from numpy."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdagen.carried import Carried
+from hdagen.compiled_model import CompiledModel, StepJacobians
 from hdagen.given import Array, finite, is_number, of_rows, vector
-from hdagen.names import list_nearest
-from hdagen.opening import PlantError, Structured, folder_of, opened, remedy
+from hdagen.opening import PlantError, Structured, folder_of
 from hdagen.parameters import Parameter, Parameters, UnknownParameter
 
 __all__ = [
@@ -34,131 +27,32 @@ __all__ = [
     "load",
 ]
 
-DECAYS = 2.0  # of a slowed memory, that a step may span: RK4 carries 2.78
+DECAYS = 2.0  # decays of a slowed memory in one step at most: RK4 is stable up to 2.78
 
 
-@dataclass(frozen=True)
-class StepJacobians:
-    """One step and its derivatives: next (nx), by_state (nx, nx), by_input (nx, nu), by_parameter (nx, np)."""
+class Arm(CompiledModel):
+    """An arm, loaded from the folder of a build: its compiled model, and trajectories of it.
 
-    next: Array
-    by_state: Array
-    by_input: Array
-    by_parameter: Array
-
-
-class Arm:
-    """An arm, loaded from the folder of a build. x, u and p are ordered as ``state_names``, ``input_names`` and
-    ``parameters`` say; units are SI.
-
-    ``p`` and ``c`` are this arm's own; two arms loaded from one build do not share parameters. Threads may share an arm
-    whose parameters none of them sets: nothing else changes it, and `at` makes one with other parameters.
+    x, u and p are ordered as ``state_names``, ``input_names`` and ``parameters`` say; units are SI. `CompiledModel`
+    says which objects share parameters.
     """
-
-    def __init__(self, folder: str | Path) -> None:
-        self.folder = folder = Path(folder)
-        self.manifest, self.module = opened(folder)
-        try:
-            self._read()
-        except (LookupError, TypeError, ValueError) as error:
-            raise PlantError(
-                f"{folder}: the manifest is not what a build writes ({type(error).__name__}: {error}); {remedy(folder)}"
-            ) from None
-
-    def _read(self) -> None:
-        self.robot: Mapping[str, Any] = self.manifest["robot"]
-        self.n = len(self.robot["joints"])
-        self.state_names = tuple(s["name"] for s in self.manifest["state"])
-        self.input_names = tuple(s["name"] for s in self.manifest["input"])
-        self.nx, self.nu = len(self.state_names), len(self.input_names)
-        self.step_size = float(self.robot["step"])
-        self.staged = any(effect["place"] == "input" for effect in self.manifest["effects"])
-        self._shapes = {f["name"]: (f["inputs"], f["outputs"]) for f in self.manifest["functions"]}
-        self.p: Array = np.array([q["nominal"] for q in self.manifest["parameters"]])
-        self.c: Array = np.empty(self.manifest["constants"])
-        self._prepare(self.p)
-        described = (Parameter(**(q | {"starts": tuple(q["starts"])})) for q in self.manifest["parameters"])
-        self.parameters = Parameters(self, {q.name: q for q in described})
-
-    def __repr__(self) -> str:
-        size = f"{self.n} joints, {self.nx} states"
-        return f"<arm '{self.robot['name']}': {size}, {self.manifest['profile']}, {self.folder.name}>"
-
-    def _prepare(self, p: Array) -> None:
-        self.module.bind("prepare", p, self.c).run()
-        self.p = p
-
-    def at(self, p: Array) -> Arm:
-        """An arm of the same build with parameters ``p`` (np), whose bounds are not checked here; this one stays."""
-        other = copy(self)
-        other.c = np.empty_like(self.c)
-        other._prepare(np.array(p, float))
-        other.parameters = self.parameters.of(other)
-        return other
-
-    def index(self, name: str) -> int:
-        """Place of a state or input by name."""
-        for names in (self.state_names, self.input_names):
-            if name in names:
-                return names.index(name)
-        every = [*self.state_names, *self.input_names]
-        raise PlantError(f"no state or input named {name}; there are {list_nearest([name], every)}.")
-
-    # -- functions --------------------------------------------------------------------------------------------------
-
-    def evaluate(self, name: str, **inputs: ArrayLike) -> dict[str, Array]:
-        """An emitted function by name, for one set of inputs (length k each) or for N at once ((N, k) each; single
-        ones serve all).
-
-        c is the arm's own unless given. Returns every output, (k,) or (N, k). PlantError for wrong names or lengths.
-        """
-        if name not in self._shapes:
-            raise PlantError(f"no function named {name}; there are {list_nearest([name], list(self._shapes))}.")
-        ins, outs = self._shapes[name]
-        given: dict[str, Any] = {"c": self.c, **inputs} if any(a == "c" for a, _ in ins) else dict(inputs)
-        if set(given) != {a for a, _ in ins}:
-            raise PlantError(f"{name} takes {', '.join(a for a, _ in ins if a != 'c')}, not {', '.join(inputs)}.")
-        arrays = [of_rows(given[a], k, f"{name}: {a}") for a, k in ins]
-        counts = {a.shape[0] for a in arrays if a.ndim == 2}
-        if len(counts) > 1:
-            raise PlantError(f"{name}: the inputs have {sorted(counts)} rows; give one number of rows.")
-        rows = counts.pop() if counts else 1
-        many = any(a.ndim == 2 for a in arrays)
-        results = [np.empty((rows, k)) for _, k in outs]
-        if rows:
-            self.module.map(name, rows, *arrays, *results)
-        return {a: r if many else r[0] for (a, _), r in zip(outs, results, strict=True)}
-
-    def rhs(self, x: ArrayLike, u: ArrayLike) -> Array:
-        """Rate of x (nx) or (N, nx), dry friction with the smooth sign."""
-        return self.evaluate("rhs", x=x, u=u)["rate"]
-
-    def outputs(self, x: ArrayLike, u: ArrayLike) -> dict[str, Array]:
-        """What sensors without noise read, with the sensor effects: motor and joint positions and velocities,
-        joint_torque; and the truth: joint_angle, torsion, tip, tip_velocity, beyond_law."""
-        return self.evaluate("outputs", x=x, u=u)
-
-    def step(self, x: ArrayLike, u: ArrayLike, h: float | None = None, exact: bool = False) -> Array:
-        """State after h seconds (default: the robot's step) with u held; ``exact``: dry friction set-valued, sticking
-        exactly."""
-        out = np.empty(self.nx)
-        size = np.array([self._size(h)])
-        self.module.bind("step_exact" if exact else "step", self._state(x), self._input(u), self.c, size, out).run()
-        return out
-
-    def jacobians(self, x: ArrayLike, u: ArrayLike, h: float | None = None) -> StepJacobians:
-        """One smooth step with its derivatives by state, input and parameters."""
-        nx, nu, many = self.nx, self.nu, len(self.p)
-        out, A, B, P = np.empty(nx), np.empty(nx * nx), np.empty(nx * nu), np.empty(nx * many)
-        size = np.array([self._size(h)])
-        self.module.bind("step_jacobian", self._state(x), self._input(u), self.p, size, out, A, B, P).run()
-        return StepJacobians(out, A.reshape(nx, nx).T, B.reshape(nu, nx).T, P.reshape(many, nx).T)
 
     def rollout(
         self, x0: ArrayLike, u: ArrayLike, dt: ArrayLike | None = None, exact: bool = False, most: float | None = None
     ) -> Array:
-        """States over time ((T + 1, nx), the first is x0) with row k of u (T, nu) held for dt[k] seconds (one number:
-        for all rows; default: the robot's step), in steps of at most ``most`` (default: the robot's step)."""
+        """Integrate a trajectory.
+
+        Args:
+            x0: (nx), the first state.
+            u: (T, nu), the inputs.
+            dt: How long each row of ``u`` is held, (T) or one number, s; None: the robot's step.
+            exact: Whether dry friction is set-valued and sticks exactly.
+            most: The longest step, s; None: the robot's.
+
+        Returns:
+            (T + 1, nx), the states, of which the first is ``x0``.
+
+        """
         inputs = self._inputs(u)
         times, x = self._times(dt, len(inputs)), np.empty((len(inputs) + 1, self.nx))
         self.module.rollout(int(exact), self._state(x0), inputs, self.c, times, self._most(most), 1, x)
@@ -177,28 +71,54 @@ class Arm:
         out: Array | None = None,
         memory: Array | None = None,
     ) -> Array:
-        """States (R, nx) in the rows of windows that each begin anew, set-valued friction. Window w is the rows
-        edges[w] = (first, end) of u (T, nu) and begins with the positions and velocities ``begun[w]`` (m) and with the
-        effects' own states ``memory[w]`` (nx − m); without them as the window before left them (0 where it ended
-        elsewhere). ``jump`` (T, nx) is added to
-        the state in each row. Where |x| would leave ``limit`` (nx) the window stays. With ``c`` (L, nc), constants of L
-        lanes: begun (L, W, m), memory (L, W, nx − m), u (L, T, nu), jump (L, T, nx) -> (L, R, nx). ``out``: where the
-        result goes.
+        """Integrate windows that each begin at a state of their own, with set-valued friction.
+
+        Args:
+            begun: (W, m), the positions and velocities at the begin of each window.
+            edges: (W, 2), the first row of each window in ``u`` and the row after its last.
+            u: (T, nu), the inputs.
+            dt: (T), how long each row is held, s.
+            most: The longest step, s.
+            limit: (nx), the magnitudes of the state beyond which a window stays where it is.
+            jump: (T, nx), added to the state in each row.
+            c: (L, nc), the constants of L lanes; ``begun``, ``u``, ``jump`` and ``memory`` then begin with an axis L.
+            out: Where the result is written.
+            memory: (W, nx − m), the effects' own states at the begin of each window; None: as the window before ended,
+                0 where that ended at another row.
+
+        Returns:
+            (R, nx) or (L, R, nx), the states in the R rows of all windows.
+
         """
-        rows, count = np.ascontiguousarray(edges, np.int32), 1 if c is None else len(c)
-        x = np.empty((count, int(np.diff(rows).sum()), self.nx)) if out is None else out
-        given = (u, self.c if c is None else c, dt, jump, memory)
-        inputs, used, times, added, own = (a if a is None else np.ascontiguousarray(a, float) for a in given)
-        first, size = finite(begun, "begun"), self._most(most) if c is None else self._size(most)
-        self.module.windows(first, own, rows, inputs, used, times, added, limit, x, size, count)
-        return x[0] if c is None else x
+        if c is None:
+            count, size, constants = 1, self._most(most), self.c
+        else:
+            count, size, constants = len(c), self._size(most), np.ascontiguousarray(c, float)
+        rows, first = np.ascontiguousarray(edges, np.int32), finite(begun, "begun")
+        if out is None:
+            out = np.empty((count, int(np.diff(rows).sum()), self.nx))
+        inputs, times = np.ascontiguousarray(u, float), np.ascontiguousarray(dt, float)
+        added, own = (a if a is None else np.ascontiguousarray(a, float) for a in (jump, memory))
+        self.module.windows(first, own, rows, inputs, constants, times, added, limit, out, size, count)
+        if c is None:
+            return out[0]
+        return out
 
     def acting(self, command: ArrayLike, dt: ArrayLike, before: ArrayLike) -> tuple[Array, Array]:
-        """What the input effects (delay, saturation, sag, lag) make of commands.
+        """Pass commands through the input effects (delay, saturation, sag, lag).
 
-        ``command`` (T, n), row k held for ``dt[k]`` s, after ``before`` (n) had been held for ever. Returns the mean
-        over each row of what acts (T, n), and what acts at each row's instant (T, n), which a sensor reads there.
-        Without such effects: the command, and the command a row before. Raises PlantError.
+        Args:
+            command: (T, n), A or N m.
+            dt: How long each row is held, (T) or one number, s.
+            before: (n), the command that was held for ever before the first row.
+
+        Returns:
+            (T, n) the mean over each row of the input that acts, and (T, n) the input that acts at each row's instant,
+            which a sensor reads there; without input effects the command, and the command of the row before.
+
+        Raises:
+            PlantError: An array has another shape, or is not finite.
+
         """
         rows = finite(command, "command")
         first = vector(before, self.n, "before")
@@ -213,7 +133,15 @@ class Arm:
         return mean, np.concatenate([first[None], end[:-1]])
 
     def input_state(self, before: ArrayLike) -> NDArray[np.uint8]:
-        """The memory of the input stage after ``before`` (n) had been commanded for ever."""
+        """Start the input stage after a command that was held for ever.
+
+        Args:
+            before: (n), the command.
+
+        Returns:
+            The memory of the input stage, bytes that the compiled input_step reads and writes.
+
+        """
         state = np.zeros(self.module.length("input_reset", "state"), np.uint8)
         self.module.bind("input_reset", state, vector(before, self.n, "before"), self.c).run()
         return state
@@ -226,8 +154,22 @@ class Arm:
         dt: ArrayLike | None = None,
         most: float | None = None,
     ) -> Array:
-        """B rollouts at once, smooth friction: x0 (B, nx), u (B, T, nu) -> (B, T + 1, nx). ``p`` (B, np): parameters
-        of each; default: the arm's for all. Bounds of p are not checked here."""
+        """Integrate B trajectories at once, with smooth friction.
+
+        Args:
+            x0: (B, nx), the first states.
+            u: (B, T, nu), the inputs.
+            p: (B, np), the parameters of each, their bounds unchecked; None: the arm's for all.
+            dt: How long each row is held, (T) or one number, s; None: the robot's step.
+            most: The longest step, s; None: the robot's.
+
+        Returns:
+            (B, T + 1, nx), the states.
+
+        Raises:
+            PlantError: An array has another shape, or is not finite.
+
+        """
         starts, inputs = finite(x0, "x0"), finite(u, "u")
         if inputs.ndim != 3 or starts.shape != (inputs.shape[0], self.nx) or inputs.shape[2] != self.nu:
             raise PlantError(
@@ -236,22 +178,31 @@ class Arm:
         count, rows, _ = inputs.shape
         if not count:
             raise PlantError("rollout_batch takes at least one trajectory.")
-        constants = self.c
+        constants, kind = self.c, 2
         if p is not None:
-            constants = self.evaluate("prepare", p=of_rows(p, len(self.p), "p"))["c"]
+            constants, kind = self.evaluate("prepare", p=of_rows(p, len(self.p), "p"))["c"], 3
             if constants.shape != (count, len(self.c)):
                 raise PlantError(f"rollout_batch takes p ({count}, {len(self.p)}).")
         x = np.empty((count, rows + 1, self.nx))
-        kind = 2 if p is None else 3
         self.module.rollout(kind, starts, inputs, constants, self._times(dt, rows), self._size(most), count, x)
         return x
 
     def rest(self, q: ArrayLike, torque: ArrayLike | None = None) -> Array:
-        """State at rest at joint positions q (n) with each spring under ``torque`` (n, N m; default: what gravity
-        asks)."""
+        """Find the state of an arm at rest.
+
+        Args:
+            q: (n), the joint positions, rad (m where prismatic).
+            torque: (n), the torque of each spring, N m; None: the torque that holds the arm against gravity.
+
+        Returns:
+            (nx), the state.
+
+        """
         joint = vector(q, self.n, "q")
-        load = self.evaluate("gravity_torque", q=joint)["g"] if torque is None else vector(torque, self.n, "torque")
-        twist = self.evaluate("torsion", joint_torque=load)["torsion"]
+        load = torque
+        if load is None:
+            load = self.evaluate("gravity_torque", q=joint)["g"]
+        twist = self.evaluate("torsion", joint_torque=vector(load, self.n, "torque"))["torsion"]
         x = np.zeros(self.nx)
         x[[self.index(f"joint_position_{j}") for j in range(1, self.n + 1)]] = joint
         for j in self.manifest["flexible"] * 4:  # the last times for angles that effects add to the torsion
@@ -261,12 +212,6 @@ class Arm:
 
     # -- checks -----------------------------------------------------------------------------------------------------
 
-    def _state(self, x: ArrayLike) -> Array:
-        return vector(x, self.nx, f"the state x ({', '.join(self.state_names)})")
-
-    def _input(self, u: ArrayLike) -> Array:
-        return vector(u, self.nu, f"the input u ({', '.join(self.input_names)})")
-
     def _inputs(self, u: ArrayLike) -> Array:
         inputs = finite(u, "u")
         if inputs.ndim != 2 or inputs.shape[1] != self.nu:
@@ -274,40 +219,46 @@ class Arm:
         return inputs
 
     def _times(self, dt: ArrayLike | None, rows: int) -> Array:
-        times = finite(self.step_size if dt is None else dt, "dt")
+        if dt is None:
+            dt = self.step_size
+        times = finite(dt, "dt")
         if times.shape not in ((), (1,), (rows,)) or not (times > 0).all():
             raise PlantError(f"dt must be one positive time, s, or {rows} of them, a row of u each.")
         return np.ascontiguousarray(np.broadcast_to(times, (rows,)))
 
     @cached_property
     def carried(self) -> Carried:
-        """What tells the step that RK4 carries."""
+        """The bounds on the step at which RK4 is stable."""
         return Carried.of(self)
 
     @property
     def _memory_step(self) -> float:
-        """The longest step that the memories of effects, as they are slowed, bear, s; inf where none is slowed."""
-        slowed = "memory_step" in self.parameters.described
-        return DECAYS * self.parameters["memory_step"] if slowed else math.inf
+        """The longest step at which the slowed memories of effects are stable, s; inf where none is slowed."""
+        if "memory_step" not in self.parameters.described:
+            return math.inf
+        return DECAYS * self.parameters["memory_step"]
 
     @property
     def stable_step(self) -> float:
-        """The robot file's step, or the shorter one that springs and walls as the parameters say allow, s."""
+        """The robot file's step, s, or a shorter one at which springs and walls with the present parameters are
+        stable."""
         return self._most(None)
 
     def steps_in(self, time: float) -> int:
-        """How many steps of equal length a time (s) takes, none longer than the stable one."""
+        """Count the equal steps of a time, none longer than the stable one.
+
+        Args:
+            time: The time, s.
+
+        Returns:
+            The number of steps.
+
+        """
         return max(1, math.ceil(time / self.stable_step - 1e-9))
 
     def _most(self, most: float | None) -> float:
-        """The longest step of a rollout with the parameters at hand, s."""
+        """The longest stable step of a rollout with the present parameters, s."""
         return min(self._size(most), self.carried.longest(self.p), self._memory_step)
-
-    def _size(self, h: float | None) -> float:
-        size = self.step_size if h is None else h
-        if not is_number(size) or not size > 0:
-            raise PlantError(f"the step must be positive and finite, s, not {size}.")
-        return float(size)
 
 
 def load(
@@ -317,10 +268,22 @@ def load(
     out: str | Path | None = None,
     mpc: Structured | None = None,
 ) -> Arm:
-    """The arm of a preset or a robot.toml; `Arm` loads the folder of a build.
+    """Load the arm of a preset or a robot.toml; `Arm` loads the folder of a build.
 
-    A robot that is not built yet is built first, by a child process, which says so. ``effects`` adds effects to the
-    model; ``out`` is where builds lie (default: $HDAGEN_BUILD, else ./build if it is there, else the user's cache);
-    ``mpc``, a configuration of the predictive controller, adds it to the library. Raises PlantError.
+    A robot that is not built yet is built first, by a child process that reports it on standard error.
+
+    Args:
+        robot: The preset or the path.
+        profile: "portable" or "native".
+        effects: Effects that are added to the model.
+        out: The folder where builds lie; None: $HDAGEN_BUILD, else ./build if it exists, else the user's cache.
+        mpc: A configuration of the predictive controller, which is then compiled into the library.
+
+    Returns:
+        The arm.
+
+    Raises:
+        PlantError: The robot cannot be built or loaded.
+
     """
     return Arm(folder_of(robot, profile, effects, out, mpc))

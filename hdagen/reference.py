@@ -1,4 +1,4 @@
-"""Motions to follow: a path of the tip or of the joints, sampled once a tick, as a controller's law takes it."""
+"""Reference motions: a path of the tip or of the joints, sampled once a tick, as a control law takes it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,23 @@ from hdagen.plant import Arm, Array, PlantError
 
 MOST_ROWS = 10**8
 CLOSE = 1e-10  # m, of the inverse kinematics
-MOST_STEPS = 60
+MOST_STEPS = 60  # Newton steps of the inverse kinematics
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Position, velocity and acceleration at every tick ((T, k) each): of the tip (k = 2, m) or of the joints (k =
-    n)."""
+    """A motion at every tick, of the tip (k = 2, m) or of the joints (k = n, rad or m).
 
-    space: str  # "tip" or "joint"
+    Attributes:
+        space: "tip" or "joint".
+        period: The time between ticks, s.
+        position: (T, k).
+        velocity: (T, k), a second.
+        acceleration: (T, k), a second squared.
+
+    """
+
+    space: str
     period: float
     position: Array
     velocity: Array
@@ -28,16 +36,27 @@ class Reference:
 
     @property
     def time(self) -> Array:
-        """s."""
+        """The instants of the ticks (T), s."""
         return np.arange(len(self.position), dtype=float) * self.period
 
     def rows(self) -> Array:
-        """As a law takes it: position, velocity, acceleration side by side."""
+        """Position, velocity and acceleration side by side (T, 3 k), as a law takes them."""
         return np.ascontiguousarray(np.hstack([self.position, self.velocity, self.acceleration]))
 
 
 def smooth_step(share: ArrayLike) -> tuple[Array, Array, Array]:
-    """From 0 at 0 to 1 at 1 without a jump in acceleration (least jerk), with first and second derivative."""
+    """Compute the minimum-jerk step: from 0 at 0 to 1 at 1 without a jump in acceleration.
+
+    Args:
+        share: Where on the step, of any shape; clipped to 0 … 1.
+
+    Returns:
+        The step, its first and its second derivative by ``share``.
+
+    Source:
+        Flash, Hogan, The coordination of arm movements, J. Neurosci. 5 (1985) 1688.
+
+    """
     s = np.clip(np.asarray(share, float), 0.0, 1.0)
     return s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
 
@@ -45,8 +64,23 @@ def smooth_step(share: ArrayLike) -> tuple[Array, Array, Array]:
 def circle(
     radius: float, center: tuple[float, float], turn: float, seconds: float, period: float = 1e-3, start: float = 1.0
 ) -> Reference:
-    """The tip on a circle (m), one ``turn`` in so many seconds, brought to speed within ``start`` seconds without a
-    jump in acceleration."""
+    """Make a motion of the tip on a circle, from rest to full speed without a jump in acceleration.
+
+    Args:
+        radius: m.
+        center: The circle's center (x, y), m.
+        turn: The time of one turn at full speed, s.
+        seconds: The length of the motion, s.
+        period: The time between ticks, s.
+        start: The time until full speed, s.
+
+    Returns:
+        The motion of the tip.
+
+    Raises:
+        PlantError: A number is not positive and finite, or the motion has no row or far too many.
+
+    """
     sizes = {"radius": radius, "turn": turn, "seconds": seconds, "period": period, "start": start}
     if wrong := [f"{name} {value}" for name, value in sizes.items() if not 0 < value < np.inf]:
         raise PlantError(f"a circle needs positive, finite numbers; found {', '.join(wrong)}.")
@@ -68,8 +102,20 @@ def circle(
 
 
 def posture(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
-    """Joint positions (n) that bring the tip to ``point`` (m), the solution next to ``near``. PlantError where out of
-    reach."""
+    """Solve the inverse kinematics of a point by Newton's method with bounded steps.
+
+    Args:
+        arm: The arm.
+        point: (2), the point, m.
+        near: (n), joint positions next to the solution.
+
+    Returns:
+        (n), the joint positions that bring the tip to the point, rad (m where prismatic).
+
+    Raises:
+        PlantError: The tip does not reach the point, or a number is not finite.
+
+    """
     goal, q = np.asarray(point, float), np.array(near, float)
     if goal.shape != (2,) or q.shape != (arm.n,):
         raise PlantError(f"posture takes a point (x, y) and {arm.n} joint positions.")
@@ -90,7 +136,20 @@ def posture(arm: Arm, point: ArrayLike, near: ArrayLike) -> Array:
 
 
 def to_joints(arm: Arm, reference: Reference, near: ArrayLike) -> Reference:
-    """The joint motion of a tip motion, along the branch of ``near``; the tip's acceleration is met too."""
+    """Convert a motion of the tip to the joints, acceleration included.
+
+    Args:
+        arm: The arm.
+        reference: The motion of the tip.
+        near: (n), joint positions next to the first ones; they choose the branch.
+
+    Returns:
+        The motion of the joints.
+
+    Raises:
+        PlantError: The tip does not reach a point of the motion.
+
+    """
     positions = np.empty((len(reference.position), arm.n))
     q = np.asarray(near, float)
     for k, point in enumerate(reference.position):
@@ -106,7 +165,20 @@ def to_joints(arm: Arm, reference: Reference, near: ArrayLike) -> Reference:
 
 
 def fitting(controller: Controller, reference: Reference, near: ArrayLike) -> Reference:
-    """The reference in the space of the controller's law: joints or tip."""
+    """Convert a motion to the space of a controller's law, joints or tip.
+
+    Args:
+        controller: The controller.
+        reference: The motion.
+        near: (n), joint positions next to the first ones.
+
+    Returns:
+        The motion in that space.
+
+    Raises:
+        PlantError: The law follows the tip and the motion is of the joints, or a point is out of reach.
+
+    """
     wanted = controller.reference_names[0].split("_")[0]
     if reference.space == wanted:
         return reference

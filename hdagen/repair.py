@@ -1,28 +1,25 @@
-"""Repair: a log made fit for a diagnosis where its own numbers say what is wrong, or refused in sentences.
+"""Repair: a log is made fit for a diagnosis where its own numbers show the mistake, or refused in sentences.
 
-What triage finds and can name as lines of a columns.toml is done (degrees, milliamperes, wrapped encoders, a measured
-input logged in the wrong row); rows without a value, or with a current that no drive gives, are taken out; dropped rows
-stay gaps, at which `segments` cuts; what two logs share counts once. Everything else that would mislead a diagnosis is
-refused with what to record, and so is a log that holds hardly anything but another one's recording. A time skew is no
-mistake but a finding: the diagnosis has it among its candidates.
+Findings of triage that can be stated as lines of a columns.toml are applied (degrees, milliamperes, wrapped encoders, a
+measured input logged in the wrong row). Rows without a value, or with a current that no drive gives, are taken out.
+Dropped rows stay gaps, at which `segments` cuts. Anything else that would mislead a diagnosis is refused with a
+sentence on how to record it right. A time skew is no mistake but a finding: the diagnosis has it among its candidates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hdagen import columns_toml
-from hdagen.channels import describe
 from hdagen.columns import split_name
 from hdagen.log import Log, LogError, gaps, parts
 from hdagen.plant import Arm
-from hdagen.shared_motion import POSITIONS, Mask, fresh_rows, shared_motion
+from hdagen.shared_motion import POSITIONS
 from hdagen.stretches import stretches
 from hdagen.suspicion import against_model, drift
 from hdagen.suspicion.finding import Finding, Severity, in_words
@@ -30,14 +27,14 @@ from hdagen.suspicion.misread import misread
 from hdagen.table import Table
 from hdagen.triage import Triage, look
 
-SHORTEST = 1.0  # s
-_MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # findings whose repair leaves no choice
-_CONTRADICTED = "contradicted"  # a finding that is no more than a warning, and is repaired too
-_ROUNDS = 4  # one mistake can hide another
-_EMPTY = 0.5  # share of a column without a value from which the column is left out, not the rows
+SHORTEST = 1.0  # s of motion at least
+_MENDED = ("degrees", "milliamperes", "wrapped", "row_shift")  # refused findings whose repair is unambiguous
+_CONTRADICTED = "contradicted"  # a warning that is repaired too
+_ROUNDS = 4  # rounds of repair at most, as one mistake can hide another
+_EMPTY = 0.5  # share of missing values from which a column is left out, not its rows
 _LOST = 0.1  # share of rows that may be missing
-_GAP = 0.01  # s without a row, over which a command cannot be taken as held
-_PERIODS = 3.5  # and at least as many periods
+_GAP = 0.01  # s without a row, over which a command is not taken as held
+_PERIODS = 3.5  # periods of such a gap at least
 _NEEDED = (
     ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque"),
     POSITIONS,
@@ -46,8 +43,14 @@ _NEEDED = (
 
 @dataclass(frozen=True)
 class Repair:
-    """One thing done to a log: a stable name, the joint (0: the whole log), and a sentence that says what was wrong,
-    what was done, and how to record it right."""
+    """One repair of a log.
+
+    Attributes:
+        name: A stable name.
+        joint: The joint's number; 0: the whole log.
+        sentence: The mistake, its repair, and how to record it right.
+
+    """
 
     name: str
     joint: int
@@ -55,10 +58,18 @@ class Repair:
 
 
 def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
-    """``log`` as a diagnosis with ``arm`` can use it, what was done, which the log's notes say too, and the triage of
-    what it is then.
+    """Repair a log for a diagnosis.
 
-    ``log`` may hold NaN where a value is missing. Raises LogError with everything that no one but its owner can mend.
+    Args:
+        log: The log; it may hold NaN where a value is missing.
+        arm: The arm.
+
+    Returns:
+        The repaired log, the repairs (also in the log's notes), and the triage of the repaired log.
+
+    Raises:
+        LogError: The log has problems that only its owner can mend; all are listed.
+
     """
     log, repairs = _without_holes(log)
     log, misread_ = _without_misread(log, arm)
@@ -87,24 +98,37 @@ def repair(log: Log, arm: Arm) -> tuple[Log, list[Repair], Triage]:
 
 
 def as_measured(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
-    """``log`` as a replay with ``arm`` can use it, and what was done: without channels that contradict another one, or
-    with those scaled where the factor is plain, and with the encoders of each joint on one clock."""
+    """Repair a log for a replay.
+
+    Channels that contradict another one are left out, or scaled where the factor is plain, and the encoders of each
+    joint are brought to one clock.
+
+    Args:
+        log: The log.
+        arm: The arm.
+
+    Returns:
+        The repaired log and the repairs.
+
+    """
     repairs: list[Repair] = []
     if any("_velocity_" in name for name in log.columns):
         found = [finding for finding in look(log, arm.robot).findings if finding.name == _CONTRADICTED]
-        log, repairs = (_applied(log, found), _said(found)) if found else (log, [])
+        if found:
+            log, repairs = _applied(log, found), _said(found)
     log, drifting = _on_one_clock(log, arm)
     return log, repairs + drifting
 
 
 def _on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
-    """The log with what a joint's own encoder reads brought to its motor's clock, where the two drift apart."""
+    """Bring the readings of a joint's own encoder to its motor's clock, where the two clocks drift apart."""
     repairs = []
     ratios = [joint["drive"]["ratio"]["nominal"] for joint in arm.robot["joints"]]
     for joint, rate in drift.drifts(log, ratios).items():
         log = drift.on_motor_clock(log, joint, rate)
-        over = 1e3 * abs(rate) * float(np.ptp(log.time))
-        ever = "ever later" if rate > 0 else "ever earlier"
+        over, ever = 1e3 * abs(rate) * float(np.ptp(log.time)), "ever earlier"
+        if rate > 0:
+            ever = "ever later"
         sentence = (
             f"joint_position_{joint} is read {ever} than motor_position_{joint}, by {over:.3g} ms over the log: two "
             f"clocks, {1e6 * abs(rate):.3g} ppm apart. Read here on the motor's; record both on one clock."
@@ -113,117 +137,40 @@ def _on_one_clock(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
     return log, repairs
 
 
-def prepared(
-    arm: Arm, logs: Sequence[Log], hold_out: Sequence[Log]
-) -> tuple[list[Log], list[Log], list[Mask], dict[str, Any]]:
-    """The logs and hold-outs, each repaired for a diagnosis with ``arm``; of each the rows (T) whose motion no earlier
-    one holds; and what to say of the data, for a JSON file: of the channels, that is what the first log has.
-
-    Raises LogError with the problems of all, and where one of them holds hardly anything but another one's recording.
-    """
-    problems: list[str] = []
-    done: list[tuple[Log, list[Repair], Triage | None]] = []
-    for one in (*logs, *hold_out):
-        try:
-            done.append(repair(one, arm))
-        except LogError as error:
-            problems += error.problems
-            done.append((one, [], None))
-    ready = [one for one, _, _ in done]
-    fresh, shared, twice = _fresh(ready, len(logs), [seen for _, _, seen in done])
-    if twice or problems:
-        raise LogError(twice + problems)
-    seen = [one for _, _, one in done if one]
-    of_first = seen[0].data()
-    said = {
-        name: of_first[name] for name in ("rows", "jitter", "clock", "dropped", "gaps", "lags", "missing", "channels")
-    }
-    said["skews"] = list(
-        dict.fromkeys(f.sentence for one in seen[: len(logs)] for f in one.findings if f.name == "skew")
-    )
-    said["warnings"] = list(dict.fromkeys(s for one in seen for s in one.warnings))
-    said["noticed"] = list(dict.fromkeys(s for one in seen for s in one.noticed))
-    said["repaired"] = [
-        {"log": one.source, "name": each.name, "joint": each.joint, "what": each.sentence}
-        for (one, repairs, _), more in zip(done, shared, strict=True)
-        for each in (*repairs, *more)
-    ]
-    said["still"] = _still_joints(arm, [one for _, _, one in done[: len(logs)] if one])
-    said["refused"] = []  # a log that is refused ends in no diagnosis
-    return ready[: len(logs)], ready[len(logs) :], fresh, said
-
-
-def _fresh(
-    logs: Sequence[Log], fitted: int, seen: Sequence[Triage | None]
-) -> tuple[list[Mask], list[list[Repair]], list[str]]:
-    """Of each log, the first ``fitted`` of which are no hold-outs, the rows (T) whose motion no earlier one holds, what
-    to say where that is not all, and what is wrong where hardly anything is left. A log that is refused has no
-    triage."""
-    noise = [{channel.name: channel.noise for channel in one.channels} if one else {} for one in seen]
-    fresh, problems = [np.ones(len(log), bool) for log in logs], list[str]()
-    said: list[list[Repair]] = [[] for _ in logs]
-    for (i, one), (j, two) in combinations(enumerate(logs), 2):
-        if not (shared := shared_motion(one, two, noise[i])):
-            continue
-        fresh[j] &= fresh_rows(two, shared)
-        where = f"from {shared[0].other[0]:.4g} s on as {one.source} has from {shared[0].one[0]:.4g} s on"
-        if _useful(two, fresh[j]):
-            lasts = sum(span.other[1] - span.other[0] for span in shared)
-            sentence = f"{two.source}: {lasts:.3g} s are the same motion, {where}: these rows count once, there."
-            said[j].append(Repair("shared", 0, sentence))
-        elif i < fitted <= j:
-            problems.append(
-                f"{two.source}: the hold-out is the log itself or a part of it, with the same motion {where}: give "
-                "another motion."
-            )
-        else:
-            problems.append(f"{two.source}: the same motion {where}; leave one of them out.")
-    return fresh, said, problems
-
-
-def _still_joints(arm: Arm, seen: Sequence[Triage]) -> list[int]:
-    """The joints that no log moves, by any encoder."""
-    moved = {split_name(c.name) for one in seen for c in one.channels if c.moves}
-    return [j for j in range(1, arm.n + 1) if not any((base, j) in moved for base in POSITIONS)]
-
-
-def _useful(log: Log, rows: Mask) -> bool:
-    """Whether ``rows`` (T) of a log are motion of some length."""
-    lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in stretches(rows))
-    return lasts >= SHORTEST and any(
-        describe(name, values[rows]).moves
-        for name, values in log.columns.items()
-        if (split_name(name) or ("", 0))[0] in POSITIONS
-    )
-
-
 def segments(time: np.ndarray) -> list[tuple[int, int]]:
-    """Rows [start, stop) between the long gaps of ``time`` (T,), s: no window of a replay may reach over one.
+    """Split rows at the long gaps, over which no window of a replay may reach.
 
-    Long is above 10 ms and 3.5 periods: a command is taken as held over less.
+    A gap is long above 10 ms and 3.5 periods: over less, a command is taken as held.
+
+    Args:
+        time: (T,), increasing, s.
+
+    Returns:
+        The rows [start, stop) of each part.
+
     """
-    steps = np.diff(time)
-    longest = max(_GAP, _PERIODS * float(np.median(steps))) if len(steps) else _GAP
-    return parts(time, longest)
+    if len(time) < 2:
+        return parts(time, _GAP)
+    return parts(time, max(_GAP, _PERIODS * float(np.median(np.diff(time)))))
 
 
 def _joints(log: Log, arm: Arm) -> list[str]:
-    """Whether the log is of as many joints as the arm, each with an input and a position."""
+    """Check that the log has as many joints as the arm, each with an input and a position."""
     if log.n_joints != arm.n:
         return [
             f"{log.source}: the log has {log.n_joints} joint(s), {arm.robot['name']} has {arm.n}: the robot file of "
             "another robot; name this one's, or take the joints wanted with a columns.toml."
         ]
-    return [
-        f"{log.source}: joint {j} has none of {', '.join(f'{base}_{j}' for base in bases)}; record one of them."
-        for j in range(1, arm.n + 1)
-        for bases in _NEEDED
-        if not any(f"{base}_{j}" in log for base in bases)
-    ]
+    problems = []
+    for j, bases in product(range(1, arm.n + 1), _NEEDED):
+        names = [f"{base}_{j}" for base in bases]
+        if log.columns.keys().isdisjoint(names):
+            problems.append(f"{log.source}: joint {j} has none of {', '.join(names)}; record one of them.")
+    return problems
 
 
 def _suspicions(log: Log, arm: Arm, seen: Triage) -> list[Finding]:
-    """What triage finds; where that is nothing to refuse, what the robot's model finds."""
+    """The findings of triage; where none of them refuses the log, those of the robot's model too."""
     findings = list(seen.findings)
     if any(f.severity is Severity.REFUSE for f in findings):
         return findings
@@ -240,12 +187,13 @@ def _mendable(findings: list[Finding]) -> list[Finding]:
         refused = finding.severity is Severity.REFUSE and finding.name in _MENDED
         if finding.repair and (refused or finding.name == _CONTRADICTED):
             for column in finding.repair:
-                found.setdefault(column if column != "ignore" else finding.sentence, finding)
+                key = finding.sentence if column == "ignore" else column
+                found.setdefault(key, finding)
     return list(dict.fromkeys(found.values()))
 
 
 def _said(mended: list[Finding]) -> list[Repair]:
-    """What was done to mend them."""
+    """The repairs of these findings."""
     return [Repair(f.name, f.joint, f"{f.sentence} Read here with {in_words(f.repair)}.") for f in mended]
 
 
@@ -277,8 +225,10 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
     bad = np.zeros(len(log), bool)
     for name in columns:
         bad |= missing[name]
+    if empty:
+        log = replace(log, columns=columns)
     if not bad.any():
-        return (replace(log, columns=columns) if empty else log), repairs
+        return log, repairs
     first, after = stretches(bad).T
     lengths = after - first
     where = ", ".join(name for name in columns if missing[name].any())
@@ -290,11 +240,11 @@ def _without_holes(log: Log) -> tuple[Log, list[Repair]]:
         raise LogError([f"{log.source}: {says}: too many; record with a logger that keeps up, or cut the log there."])
     sentence = f"{says}: these rows are taken out, and long runs cut the log; record with a logger that keeps up."
     repairs.append(Repair("missing", 0, sentence))
-    return replace(log, columns=columns).taken(~bad), repairs
+    return log.taken(~bad), repairs
 
 
 def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
-    """The log without rows that were misread: as good as without a value."""
+    """The log without the rows that were misread, which are as good as rows without a value."""
     found = list(misread(log, [joint["drive"]["max_current"] for joint in arm.robot["joints"]]))
     bad = np.any([one.rows for one in found], axis=0)
     if not found:
@@ -309,7 +259,7 @@ def _without_misread(log: Log, arm: Arm) -> tuple[Log, list[Repair]]:
 
 
 def _too_little(log: Log, seen: Triage) -> list[str]:
-    """Why a log is refused that is too short, moves no joint, or has lost too much."""
+    """The reasons to refuse a log that is too short, moves no joint, or has lost too many rows."""
     problems = []
     lasts = sum(float(log.time[stop - 1] - log.time[start]) for start, stop in segments(log.time))
     if lasts < SHORTEST:
@@ -332,14 +282,15 @@ def _too_little(log: Log, seen: Triage) -> list[str]:
 
 
 def _gaps(log: Log) -> list[Repair]:
-    """Dropped rows, said."""
+    """The dropped rows of a log as a repair, if any."""
     rows, missing = gaps(log.time)
     lost = int(missing.sum())
     share = lost / (len(log) + lost)
     if not lost:
         return []
-    pieces = len(segments(log.time))
-    cut = f" and the log is cut into {pieces} parts at the long ones" if pieces > 1 else ""
+    pieces, cut = len(segments(log.time)), ""
+    if pieces > 1:
+        cut = f" and the log is cut into {pieces} parts at the long ones"
     sentence = (
         f"{lost} row(s) are missing in {len(rows)} gap(s), {100 * share:.2g} % of the log: they stay gaps over which "
         f"commands are held{cut}; record with a logger that keeps up."

@@ -1,7 +1,7 @@
-"""Replay: a log simulated again, window after window, from what was commanded and pushed.
+"""Replay: a log simulated again, window after window, from its commands and the forces on its tip.
 
-Each window starts at the state that the measurements up to its first row give (`hdagen.start`); inside a window nothing
-measured counts. Row k's command is held to row k + 1; friction sticks exactly; the effects' own states go on from
+Each window starts at the state that the measurements up to its first row give (`hdagen.kalman`); inside a window no
+measurement counts. Row k's command is held to row k + 1; friction sticks exactly; the effects' own states go on from
 window to window.
 """
 
@@ -17,34 +17,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen import late, verdict
-from hdagen.between_rows import between_rows
-from hdagen.channels import describe
-from hdagen.clock import clock_noise
+from hdagen.channel_noise import channel_noise
+from hdagen.driving_inputs import acted_on, driven_by, driving_channel
 from hdagen.kalman import estimate
 from hdagen.log import Log, LogError, parts
 from hdagen.plant import Arm, Array, PlantError
-from hdagen.readings import Readings, Rows, encoder_noise, mechanical, memories, within
+from hdagen.readings import Readings, Rows, mechanical, memories, within
+from hdagen.torques import torque_constant
 
-WINDOW = 0.25  # s
-LEAST = 1e-3  # multiples of the noise, below which an error counts as this
-INPUTS = ("command", "measured")
-_ROUNDING = 1e-9  # of a window: a row that lies a rounding error before a boundary starts the next one
-_FIRST = 0.01  # s of rows that tell whether a log begins in motion
-_MOVING = 4.0  # times noise and bend of the path that the first speed must exceed by then
-_USUAL = 0.03  # share of the usual motion in as many rows that counts as none
+WINDOW = 0.25  # s, the length of a window
+LEAST = 1e-3  # multiples of the noise that an error counts as at least
+_ROUNDING = 1e-9  # share of a window: a row that lies a rounding error before a boundary starts the next one
+_FIRST = 0.01  # s of rows that show whether a log begins in motion
+_MOVING = 4.0  # times noise and curvature that the first speed moves a joint by then at least
+_USUAL = 0.03  # share of the usual motion in as many rows, below which a joint is at rest
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
     """A log as the model would have written it.
 
-    ``columns``: time and, by joint, motor_current (A; motor_torque, N m, where the log has torque), motor_position (rad
-    at the rotor) and joint_position (rad or m), each (T,). ``states`` (T, nx) as the arm names them. ``errors``: root
-    mean square of prediction less measurement for each channel that the log has, in its unit; ``noise``: standard
-    deviation of the channel's noise; ``relative``: error as a share of the measurement's own root mean square.
-    ``starts``: first rows of the windows. ``beyond_law``: rows in which a torsion lay beyond the spring law. ``notes``:
-    what a reader must know, in sentences. ``guessed``: first rows of the windows that begin at rest though the log is
-    in motion there. ``inputs``: the measured channels that drove the model, in which it cannot err.
+    Attributes:
+        columns: (T,) each: time and, by joint, motor_current (A; motor_torque, N m, where the log has torque),
+            motor_position (rad at the rotor) and joint_position (rad or m).
+        states: (T, nx), as the arm names them.
+        errors: Root mean square of prediction less measurement, by channel, in its unit.
+        noise: Standard deviation of each channel's noise.
+        relative: Each error as a share of the measurement's own root mean square.
+        starts: The first rows of the windows.
+        beyond_law: The number of rows in which a torsion lay beyond the spring law.
+        notes: Sentences that a reader must know.
+        guessed: The first rows of the windows that begin at rest though the log is in motion there.
+        inputs: The measured channels that drove the model, in which it cannot err.
+
     """
 
     columns: dict[str, Array]
@@ -65,14 +70,26 @@ class Replay:
 
     @property
     def gap(self) -> float:
-        """What `joined` gives of the errors; NaN where no channel counts."""
-        names = self.channels
-        return float(joined(np.array([self.errors[name] / self.noise[name] for name in names]))) if names else math.nan
+        """The gap of the errors, as `joined` computes it; NaN where no channel counts."""
+        if not self.channels:
+            return math.nan
+        return float(joined(np.array([self.errors[name] / self.noise[name] for name in self.channels])))
 
     def over(self, log: Log, rows: NDArray[np.bool_], noise: Mapping[str, float]) -> Replay:
-        """The same with the errors of the channels in ``noise`` over ``rows`` (T) of its ``log`` alone, in that noise.
+        """Compute the errors over some rows alone, in a noise that is given.
 
-        Raises LogError where one of them is not logged."""
+        Args:
+            log: The log that was replayed.
+            rows: (T), the rows that count.
+            noise: Standard deviations of the channels that count, by name.
+
+        Returns:
+            The same replay with these errors.
+
+        Raises:
+            LogError: One of the channels is not logged.
+
+        """
         if lacking := [name for name in noise if name not in self.errors]:
             raise LogError([f"{log.source}: {', '.join(lacking)} is counted and not logged; take the same log."])
         errors = {name: _rms((self.columns[name] - log[name])[rows]) for name in noise}
@@ -82,8 +99,15 @@ class Replay:
 
 
 def joined(multiples: Array) -> Array:
-    """The gap (…): the geometric mean over the channels of errors (…, channels), root mean squares in multiples of
-    each channel's noise."""
+    """Compute the gap: the geometric mean of the channels' errors in multiples of their noise.
+
+    Args:
+        multiples: (…, channels), root mean square errors over the noise of each channel.
+
+    Returns:
+        (…), the gap.
+
+    """
     return np.asarray(np.exp(np.log(np.maximum(multiples, LEAST)).mean(-1)))
 
 
@@ -94,11 +118,22 @@ def replay(
     input: str = "command",
     with_: verdict.Verdict | str | Path | Mapping[str, Any] | None = None,
 ) -> Replay:
-    """Replay ``log`` on ``arm`` in windows of ``window`` s.
+    """Replay a log on an arm, window after window.
 
-    ``input`` "command" or "measured": which current or torque drives the model. ``with_``: a diagnosis.json, what it
-    holds, or its verdict; the effects and base parameters go into a copy of the arm. Raises LogError where the log does
-    not fit the arm, PlantError for what cannot be done.
+    Args:
+        arm: The arm.
+        log: The log.
+        window: The length of a window, s; inf: the whole log.
+        input: "command" or "measured", the current or torque that drives the model.
+        with_: A diagnosis.json, its content, or its verdict; effects and parameters are set in a copy of the arm.
+
+    Returns:
+        The replay.
+
+    Raises:
+        LogError: The log does not fit the arm.
+        PlantError: The window, the input or the verdict cannot be used.
+
     """
     notes: list[str] = []
     if with_ is not None:
@@ -130,16 +165,28 @@ def replay(
 
 
 def check(arm: Arm, log: Log) -> None:
-    """Whether the log has the arm's joints, each with a position. Raises LogError."""
+    """Check that a log has the arm's joints, each with a position.
+
+    Args:
+        arm: The arm.
+        log: The log.
+
+    Raises:
+        LogError: The log does not fit the arm.
+
+    """
     problems = []
     if log.n_joints != arm.n:
         problems.append(
             f"{log.source}: the log has {log.n_joints} joint(s), the robot {arm.n}: "
             "take the robot's own log, or a columns.toml."
         )
-    for j in range(1, arm.n + 1) if not problems else ():
-        if f"motor_position_{j}" not in log and f"joint_position_{j}" not in log:
-            problems.append(f"{log.source}: joint {j} has no position; log motor_position_{j} or joint_position_{j}.")
+    else:
+        problems += [
+            f"{log.source}: joint {j} has no position; log motor_position_{j} or joint_position_{j}."
+            for j in range(1, arm.n + 1)
+            if f"motor_position_{j}" not in log and f"joint_position_{j}" not in log
+        ]
     if len(log) < 2:
         problems.append(f"{log.source}: {len(log)} row(s); a replay needs at least two.")
     if problems:
@@ -147,96 +194,25 @@ def check(arm: Arm, log: Log) -> None:
 
 
 def window_starts(time: Array, window: float) -> Rows:
-    """First rows of the windows: the first row at or after each multiple of ``window`` s from the log's first."""
+    """Find the first rows of the windows: the first row at or after each multiple of the window's length.
+
+    Args:
+        time: (T), s.
+        window: The length of a window, s; inf: the whole log.
+
+    Returns:
+        The rows, increasing, the first one 0.
+
+    Raises:
+        PlantError: The length is not positive.
+
+    """
     if not (window > 0 and (math.isinf(window) or math.isfinite(window))):
         raise PlantError(
             f"the window must be longer than 0 s, not {window:g}: 0.25 is usual, inf takes the log as one."
         )
     number = np.floor((time - time[0]) / window + _ROUNDING)
     return np.flatnonzero(np.diff(number, prepend=-1.0))
-
-
-def driven_by(arm: Arm, log: Log, source: str) -> tuple[Array, list[str]]:
-    """The inputs (T, nu), row k held from time[k] to the next row, and what there is to say about them.
-
-    A measured current that drives the model acts from row to row as `between_rows` says. Raises LogError, PlantError.
-    """
-    if source not in INPUTS:
-        raise PlantError(f"the input is {' or '.join(INPUTS)}, not {source}.")
-    inputs, notes, problems = np.zeros((len(log), arm.nu)), [], []
-    for j in range(1, arm.n + 1):
-        name = driving_channel(log, j, source)
-        if name is None:
-            problems.append(f"{log.source}: joint {j} has no current or torque; log motor_current_command_{j}.")
-            continue
-        if "current" in name and arm.input_names[j - 1].startswith("motor_torque"):
-            problems.append(
-                f"{log.source}: {name} is a current and the robot file has no torque_constant for joint {j}: "
-                "state it there."
-            )
-            continue
-        values = _in_input_unit(arm, log, j, name)
-        if not is_command(name):
-            between = between_rows(arm, log, j, values)
-            values = between.applied(values)
-            if source == "command":
-                notes.append(f"No command is logged for joint {j}: {name} drives the model, {between.words}.")
-        elif source == "measured":
-            notes.append(f"Joint {j} has no measured current or torque: {name} drives the model.")
-        inputs[:, j - 1] = values
-        notes += _limit(arm, j, name, inputs[:, j - 1])
-    if problems:
-        raise LogError(problems)
-    for name in ("tip_force_x", "tip_force_y"):
-        if name in log:
-            inputs[:, arm.index(name)] = log[name]
-    return inputs, notes
-
-
-def acted_on(arm: Arm, log: Log, inputs: Array, source: str) -> tuple[Array, Array]:
-    """What acts under ``inputs`` (T, nu) as `driven_by` gives them, and what each row shows of it (T, nu each).
-
-    Commands pass through the arm's input effects, the whole log at once; what was measured acts as it is, and shows
-    itself. A row shows what acts at its instant: without such effects the row before.
-    """
-    acting, first, n = inputs.copy(), _before(arm, log, inputs[:1]), arm.n
-    shown = np.concatenate([first, inputs[:-1]])
-    names = [driving_channel(log, j, source) or "" for j in range(1, n + 1)]
-    if arm.staged:
-        dt = np.append(np.diff(log.time), log.period)
-        mean, at = arm.acting(inputs[:, :n], dt, first[0, :n])
-        commanded = [j for j, name in enumerate(names) if is_command(name)]
-        acting[:, commanded], shown[:, commanded] = mean[:, commanded], at[:, commanded]
-    for j, name in enumerate(names, 1):
-        if name and not is_command(name):
-            shown[:, j - 1] = _in_input_unit(arm, log, j, name)
-    return acting, shown
-
-
-def driving_channel(log: Log, j: int, source: str) -> str | None:
-    """The logged current or torque of joint j that is wanted ("command" or "measured"), else the other one."""
-    kinds = ("_command", "") if source == "command" else ("", "_command")
-    names = (f"{quantity}{kind}_{j}" for kind in kinds for quantity in ("motor_current", "motor_torque"))
-    return next((name for name in names if name in log), None)
-
-
-def is_command(name: str) -> bool:
-    """Whether a channel is what was commanded, not what was measured."""
-    return "_command_" in name
-
-
-def _in_input_unit(arm: Arm, log: Log, j: int, name: str) -> Array:
-    """A logged current or torque (T,) as the input of joint j."""
-    is_torque = "torque" in name and arm.input_names[j - 1].startswith("motor_current")
-    return log[name] / _constant(arm, j) if is_torque else log[name]
-
-
-def _limit(arm: Arm, j: int, name: str, current: Array) -> list[str]:
-    most = arm.robot["joints"][j - 1]["drive"]["max_current"]
-    over = int(np.count_nonzero(np.abs(current) > most * (1 + 1e-6))) if most else 0
-    if not over or not arm.input_names[j - 1].startswith("motor_current"):
-        return []
-    return [f"{name} exceeds the robot file's max_current of {most:g} A in {over} row(s); the model lets it through."]
 
 
 def _predict(arm: Arm, log: Log, readings: Readings, inputs: Array, starts: Rows) -> tuple[Array, list[str]]:
@@ -247,11 +223,11 @@ def _predict(arm: Arm, log: Log, readings: Readings, inputs: Array, starts: Rows
         states, stopped = _roll(arm, log, inputs, starts, begun, carry=True)
         return states, ["Windows start at the logged positions and velocities.", *_stopped(stopped)]
     notes, states, stopped = list[str](), np.zeros((len(log), arm.nx)), 0
-    lost = np.zeros(len(starts), bool)
-    remembers = bool(arm.p[memories(arm)].any())
-    if remembers:  # the effects' own states, as far as windows that begin where they were measured tell
+    lost, rounds = np.zeros(len(starts), bool), 1
+    if arm.p[memories(arm)].any():  # the effects' own states, from windows that begin at the measured positions
         states, _ = _roll(arm, log, inputs, starts, begun, carry=True)
-    for _ in range(2 if remembers else 1):  # the second time the filters begin with the effects' states of the first
+        rounds = 2  # the second time the filters begin with the effects' states of the first
+    for _ in range(rounds):
         if len(starts) > 1:
             found = estimate(arm, log, readings, inputs, starts[1:], states[:, m:])
             lost[1:] = np.isnan(found).any(1)
@@ -272,7 +248,9 @@ def _roll(arm: Arm, log: Log, inputs: Array, starts: Rows, begun: Array, carry: 
         if carry:
             x[m:] = path[-1, m:]
         dt = np.diff(log.time[first : end + 1])
-        path = arm.rollout(x, inputs[first : first + len(dt)], dt, exact=True) if len(dt) else x[None]
+        path = x[None]
+        if len(dt):
+            path = arm.rollout(x, inputs[first : first + len(dt)], dt, exact=True)
         good = within(arm, path)
         if not good.all():
             last = max(int(np.argmin(good)) - 1, 0)
@@ -288,7 +266,7 @@ def _stopped(windows: int) -> list[str]:
 
 
 def _moves(log: Log, readings: Readings) -> str | None:
-    """In words, where the log begins in motion and no velocity says how fast."""
+    """Say where the log begins in motion and no velocity is logged; None where it does not."""
     rows = max(8, int(np.searchsorted(log.time, log.time[0] + _FIRST)))
     if len(log) < rows:
         return None
@@ -305,11 +283,26 @@ def _moves(log: Log, readings: Readings) -> str | None:
         least = max(abs(bend) * t[-1] ** 2, readings.noise_before(rows)[k], _USUAL * usual)
         if abs(speed) * t[-1] > _MOVING * least:
             moving.append(f"{name} at {speed:.3g} a second")
-    return f"The log begins in motion ({', '.join(moving)}) and no velocity is logged" if moving else None
+    if not moving:
+        return None
+    return f"The log begins in motion ({', '.join(moving)}) and no velocity is logged"
 
 
 def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes: list[str]) -> Replay:
-    """The replay that ``states`` (T, nx) are, with what acts at each row ``shown`` (T, nu), against the measured."""
+    """Compare simulated states with a log.
+
+    Args:
+        arm: The arm.
+        log: The log.
+        states: (T, nx), the states.
+        shown: (T, nu), the inputs that each row shows.
+        starts: The first rows of the windows.
+        notes: Sentences that a reader must know.
+
+    Returns:
+        The replay, with its errors.
+
+    """
     seen = late.read(arm, log.time, states, shown)
     columns = {"time": log.logged_time}
     for j in range(1, arm.n + 1):
@@ -334,55 +327,12 @@ def compare(arm: Arm, log: Log, states: Array, shown: Array, starts: Rows, notes
     )
 
 
-def _before(arm: Arm, log: Log, first: Array) -> Array:
-    """What acted before the first row (1, nu): what is measured there; the first command where nothing is."""
-    before = first.copy()
-    for j in range(1, arm.n + 1):
-        if arm.input_names[j - 1] in log:
-            before[0, j - 1] = log[arm.input_names[j - 1]][0]
-        elif f"motor_torque_{j}" in log:
-            before[0, j - 1] = log[f"motor_torque_{j}"][0] / _constant(arm, j)
-    return before
-
-
 def _input_column(arm: Arm, log: Log, j: int, values: Array) -> dict[str, Array]:
-    """Current or torque of joint j, whichever the log speaks of."""
+    """The current or torque of joint j, whichever the log has."""
     own = arm.input_names[j - 1]
     if own.startswith("motor_torque") or f"motor_current_{j}" in log or f"motor_current_command_{j}" in log:
         return {own: values.copy()}
-    return {f"motor_torque_{j}": values * _constant(arm, j)}
-
-
-def _constant(arm: Arm, j: int) -> float:
-    """Torque by current as the robot file has it, N m/A, of a joint whose input is a current."""
-    return arm.parameters.described[f"torque_constant_{j}"].nominal
-
-
-def channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_] | slice = slice(None)) -> float:
-    """Standard deviation of a channel's noise: as the robot file states, with what the clock leaves uncertain at the
-    speeds of ``rows``; else as the channel shows there."""
-    known = _stated_noise(arm, name)
-    instants = _rms(instants_noise(arm, log, name)[rows])
-    return math.hypot(known, instants) if known else describe(name, log[name][rows]).noise
-
-
-def instants_noise(arm: Arm, log: Log, name: str) -> Array:
-    """What the log's clock leaves uncertain of each value (T,) of a channel: of positions whose sensor's noise is
-    stated; elsewhere the noise that a channel shows has it within."""
-    if not name.rpartition("_")[0].endswith("position") or not _stated_noise(arm, name):
-        return np.zeros(len(log))
-    return clock_noise(log.time, log[name], log.time_uncertainty)
-
-
-def _stated_noise(arm: Arm, name: str) -> float:
-    """Standard deviation of a channel's noise as the robot file states; 0 where it states none."""
-    quantity, _, j = name.rpartition("_")
-    sensor = arm.robot["joints"][int(j) - 1]["sensor"]
-    if quantity.endswith("position"):
-        return encoder_noise(sensor, quantity.split("_")[0])
-    if quantity == "motor_torque":  # which stands for a current, whose noise the robot file states, or is the input
-        return 0.0 if name in arm.input_names else float(sensor["current_noise"] * _constant(arm, int(j)))
-    return float(sensor["current_noise"])
+    return {f"motor_torque_{j}": values * torque_constant(arm, j)}
 
 
 def _rms(values: Array) -> float:

@@ -183,9 +183,9 @@ def look(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
 
 def _force(arm: Arm, log: Log, options: argparse.Namespace) -> tuple[Array | None, list[str]]:
     """Force error of the inverse dynamics of a rigid robot, a share a joint; None and why not."""
+    from hdagen.driving_inputs import driven_by
     from hdagen.inverse import BANDWIDTH, force_error
     from hdagen.log import LogError
-    from hdagen.replay import driven_by
 
     if arm.manifest["flexible"]:
         return None, []

@@ -1,6 +1,6 @@
-"""Motion that two logs share, row for row: one recording given twice, whole, cut, thinned or timed anew.
+"""Motion that two logs share, row for row: one recording given twice, whole, cut, thinned or with other time stamps.
 
-A fit that is judged by the rows it was made from looks better than it is, so what an earlier log holds counts in no
+A fit that is judged by the rows it was made from looks better than it is, so rows that an earlier log holds count in no
 later one. Two recordings of one motion differ in most rows in motion, even if only by a count of an encoder.
 """
 
@@ -16,8 +16,9 @@ from hdagen.columns import split_name
 from hdagen.log import Log
 
 POSITIONS = ("motor_position", "joint_position")
-_EXACT = 0.25  # of a position's noise; two recordings differ by more in most rows, even by whole counts
-_STRETCH, _ALIKE = 100, 0.9  # rows in motion that are looked for together, and the share of them that must be found
+# Share of a position's noise; two recordings differ by more in most rows, even by whole counts
+_EXACT = 0.25
+_STRETCH, _ALIKE = 100, 0.9  # rows in motion of a stretch, and the share of them that must be found
 _LOOKS = 64  # stretches of a log that are looked for in another
 _TURN = 2 * np.pi
 
@@ -27,19 +28,28 @@ Span = tuple[float, float]  # s
 
 @dataclass(frozen=True)
 class Shared:
-    """What two logs share: from when to when in the time of each, s."""
+    """A motion that two logs share: its begin and end in the time of each, s."""
 
     one: Span
     other: Span
 
     @property
     def exchanged(self) -> Shared:
-        """The same of the logs in the other order."""
+        """The same motion, of the logs in the other order."""
         return Shared(self.other, self.one)
 
 
 def fresh_rows(log: Log, shared: Sequence[Shared]) -> Mask:
-    """The rows (T) of ``log``, the second of each of ``shared``, in which no other log holds its motion."""
+    """Find the rows of a log whose motion no other log holds.
+
+    Args:
+        log: The log, the second one in each of ``shared``.
+        shared: The motions that it shares.
+
+    Returns:
+        (T), true in rows outside these motions.
+
+    """
     fresh = np.ones(len(log), bool)
     for one in shared:
         fresh &= (log.time < one.other[0]) | (log.time > one.other[1])
@@ -48,19 +58,19 @@ def fresh_rows(log: Log, shared: Sequence[Shared]) -> Mask:
 
 @np.errstate(invalid="ignore")  # a log that is refused may hold anything
 def shared_motion(one: Log, other: Log, noise: Mapping[str, float]) -> list[Shared]:
-    """Where two logs hold the same recording.
+    """Find where two logs hold the same recording.
 
     Stretches of the log with fewer rows a second are looked for in the other one: rows that have, after the same times,
     the same measured positions to a part of their ``noise``, whole turns apart. At rest counts can be equal, so only
-    rows beside a change count. What is found is followed to both sides as far as rows are alike.
+    rows beside a change count. A stretch that is found is extended to both sides as far as rows are alike.
 
     Args:
-        one: a log.
-        other: another one.
-        noise: standard deviation of the channels of ``one``, in their units.
+        one: A log.
+        other: Another log.
+        noise: Standard deviation of the channels of ``one``, by name, in their units.
 
     Returns:
-        In the order of ``other``'s time; nothing where no motion is shared.
+        The shared motions in the order of ``other``'s time; none where no motion is shared.
 
     """
     if one.period > other.period:
@@ -81,8 +91,17 @@ def shared_motion(one: Log, other: Log, noise: Mapping[str, float]) -> list[Shar
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Positions (M, T) and (M, S) of a log and of another one with no more rows a second, each with what is ``near``
-    (M, 1); ``between`` (T − 1): instants between the rows of the first."""
+    """A log and another one with no more rows a second.
+
+    Attributes:
+        log: The first log.
+        other: The other log.
+        ours: (M, T), the positions of the first log.
+        theirs: (M, S), the same positions of the other log.
+        near: (M, 1), the difference up to which positions are equal.
+        between: (T − 1), the instants midway between the rows of the first log, s.
+
+    """
 
     log: Log
     other: Log
@@ -93,7 +112,8 @@ class _Pair:
 
     @classmethod
     def of(cls, log: Log, other: Log, names: Sequence[str], noise: Mapping[str, float]) -> _Pair:
-        ours, theirs = (np.stack([one[name] for name in names]) for one in (log, other))
+        ours = np.stack([log[name] for name in names])
+        theirs = np.stack([other[name] for name in names])
         near = _EXACT * np.array([[noise.get(name, 0.0)] for name in names]) + 1e-9 * np.abs(ours).max(1, keepdims=True)
         return cls(log, other, ours, theirs, near, (log.time[1:] + log.time[:-1]) / 2)
 
@@ -105,7 +125,7 @@ class _Pair:
         return (moving[k : k + _STRETCH] for k in np.unique(at) if moving.size)
 
     def places(self, rows: np.ndarray) -> np.ndarray:
-        """The rows of the log at which what the other one has in ``rows`` begins."""
+        """The rows of the log at which the motion of the other log's ``rows`` begins."""
         first, found = rows[0], np.arange(len(self.log))
         for mine, sought, within in zip(self.ours, self.theirs[:, first], self.near, strict=True):
             off = mine[found] - sought
@@ -123,8 +143,10 @@ class _Pair:
         return np.asarray(np.all(np.abs(off) <= self.near[:, :, None], axis=0))
 
     def followed(self, at: int, first: int) -> Shared:
-        """What is shared about row ``at`` of the log, which is row ``first`` of the other one: as far as most of any
-        stretch is alike, and within both logs."""
+        """The motion shared about row ``at`` of the log, which is row ``first`` of the other one.
+
+        It reaches as far as most rows of each stretch are alike, within both logs.
+        """
         late = self.log.time[at] - self.other.time[first]
         begin, end = np.searchsorted(self.other.time + late, self.log.time[[0, -1]])
         rows = np.arange(begin, min(end + 1, len(self.other)))

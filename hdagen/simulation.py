@@ -1,16 +1,14 @@
-"""A controller against the compiled arm, with its sensors: what a log of the machine would hold, and the truth beside
-it.
+"""Simulation of a controller on the compiled arm, with its sensors: the log that a machine would write, and the truth.
 
 The arm has set-valued friction; the controller sees encoders with their noise and resolution, a force sensor with
-noise, and everything late by the delay. Row k of the log holds what was sampled at t_k and the command that was held
-from t_k to the next row.
+noise, and everything late by the delay. Row k of the log holds the samples of t_k and the command that was held from
+t_k to the next row.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +18,10 @@ from hdagen.input_stage import InputStage
 from hdagen.log import Log
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference, fitting, posture
+from hdagen.sensors import Errors, Sensors, errors
 from hdagen.torques import torque_per_input
+
+__all__ = ["Push", "Sensors", "Simulation", "World", "find_start", "forces", "ideal", "run", "simulate"]
 
 World = Callable[[Array, Array], Array]  # tip position and velocity (2 each) -> force on the tip (2), N
 
@@ -35,28 +36,20 @@ class Push:
 
 
 @dataclass(frozen=True)
-class Sensors:
-    """What sensors do to the truth; None: from the robot file. ``delay``: ticks from a sample to its use."""
-
-    motor_resolution: tuple[float, ...] | None = None  # rad
-    joint_resolution: tuple[float, ...] | None = None  # rad
-    current_noise: tuple[float, ...] | None = None  # A, standard deviation
-    force_noise: float | None = None  # N, standard deviation
-    delay: int = 0
-    motor_noise: tuple[float, ...] | None = None  # rad, standard deviation, before counting
-    joint_noise: tuple[float, ...] | None = None  # rad
-
-    @classmethod
-    def exact(cls, n: int) -> Sensors:
-        """Sensors without error, for n joints."""
-        none = (0.0,) * n
-        return cls(none, none, none, 0.0, 0, none, none)
-
-
-@dataclass(frozen=True)
 class Simulation:
-    """The log, and the truth at the same rows: state (T, nx), tip (T, 2), joint_torque (T, n), torque (T, n, sent to
-    the motors), push (T, 2), and the controller's status of each tick."""
+    """A simulated log, and the truth at the same rows.
+
+    Attributes:
+        log: The log, as sensors read it.
+        state: (T, nx).
+        tip: (T, 2), m.
+        joint_torque: (T, n), N m.
+        torque: (T, n), sent to the motors, N m.
+        push: (T, 2), the force of the world on the tip, N.
+        status: (T), the controller's status of each tick.
+        beyond_law: The number of rows in which a torsion lay beyond the spring law.
+
+    """
 
     log: Log
     state: Array
@@ -78,7 +71,25 @@ def simulate(
     start: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Log:
-    """The log of ``controller`` driving ``arm`` along ``reference``; see `run` for the truth beside it."""
+    """Simulate the log of a controller that drives an arm; see `run` for the truth beside it.
+
+    Args:
+        arm: The arm; it may have other parameters than the controller's.
+        controller: The controller.
+        reference: The motion that it follows.
+        pushes: Forces on the tip.
+        sensors: The sensors' errors; None: from the robot file.
+        seed: The seed of all noise, from 0; one seed gives one log, to the bit.
+        start: (n), joint positions near which the motion begins; None: a bent arm.
+        progress: Called with the ticks done and all ticks, now and then.
+
+    Returns:
+        The log.
+
+    Raises:
+        PlantError: The motion is out of reach, or an argument does not fit the others.
+
+    """
     return run(arm, controller, reference, pushes, sensors, seed, start, progress).log
 
 
@@ -93,21 +104,30 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     world: World | None = None,
 ) -> Simulation:
-    """Simulate. ``world`` gives a force on the tip at its position and velocity, held over a tick and felt by the force
-    sensor. ``arm`` is the plant and may have other parameters than the controller's arm. ``start``: joint
-    positions near which the motion begins (default: a bent arm); the arm begins at rest there, and the controller
-    anew. The same seed gives the same log, to the bit.
+    """Simulate a controller that drives an arm.
 
-    Raises PlantError where the reference is out of reach, or the period is not the controller's.
+    The arm begins at rest, and the controller as if just made.
+
+    Args:
+        arm: The arm; it may have other parameters than the controller's.
+        controller: The controller.
+        reference: The motion that it follows.
+        pushes: Forces on the tip.
+        sensors: The sensors' errors; None: from the robot file.
+        seed: The seed of all noise, from 0; one seed gives one log, to the bit.
+        start: (n), joint positions near which the motion begins; None: a bent arm.
+        progress: Called with the ticks done and all ticks, now and then.
+        world: Gives the force on the tip (N) at its position and velocity, held over a tick and felt by the sensor.
+
+    Returns:
+        The log, and the truth beside it.
+
+    Raises:
+        PlantError: The motion is out of reach, or an argument does not fit the others.
+
     """
     _fitting_sizes(arm, controller, reference)
-    if reference.period != controller.guard.period:
-        raise PlantError(
-            f"the reference's period is {reference.period} s and the controller's {controller.guard.period} s; "
-            "make them equal."
-        )
-    near = np.full(arm.n, 0.6) if start is None else np.asarray(start, float)
-    q0 = posture(arm, reference.position[0], near) if reference.space == "tip" else reference.position[0]
+    q0 = find_start(arm, reference, start)
     wanted = fitting(controller, reference, q0)
     rows, count = controller.rows(wanted), len(reference.position)
     push = forces(pushes, reference.time)
@@ -115,8 +135,7 @@ def run(
     if not isinstance(seed, int) or seed < 0:
         raise PlantError(f"the seed is a whole number from 0, not {seed}.")
     random = np.random.default_rng(seed)
-    noise = random.normal(size=(count, 2)) * scheme.force_noise
-    felt = push + noise
+    felt = push + random.normal(size=(count, 2)) * scheme.force_noise
     shaken = random.normal(size=(count, arm.n)) * np.asarray(scheme.current_noise)
     wobble = scheme.encoder_noise(count, seed)
     seen, state, torque, shown, status = _loop(
@@ -124,84 +143,54 @@ def run(
     )
     commanded = torque / torque_per_input(arm)
     truth = arm.outputs(state, np.hstack([shown, push]))
-    measured = shown + shaken
-    columns: dict[str, Array] = {}
-    for j in range(arm.n):
-        kind = arm.input_names[j].rpartition("_")[0]
-        columns[f"{kind}_command_{j + 1}"], columns[f"{kind}_{j + 1}"] = commanded[:, j], measured[:, j]
-        columns[f"motor_position_{j + 1}"], columns[f"joint_position_{j + 1}"] = seen[:, j], seen[:, arm.n + j]
-        if wanted.space == "joint":
-            columns[f"joint_position_reference_{j + 1}"] = wanted.position[:, j]
-    columns["tip_force_x"], columns["tip_force_y"] = felt.T
-    columns = {name: np.ascontiguousarray(values) for name, values in columns.items()}
+    columns = _make_columns(arm, wanted, seen, commanded, shown + shaken)
+    columns["tip_force_x"], columns["tip_force_y"] = np.ascontiguousarray(felt.T)
     log = Log(reference.time, columns, arm.n, f"simulated: {arm.robot['name']}, {controller.law}, seed {seed}")
     beyond = int(np.any(truth["beyond_law"] > 0, axis=1).sum())
     return Simulation(log, state, truth["tip"], truth["joint_torque"], torque, push, status, beyond)
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Every sensor's errors; ``delay`` in ticks."""
-
-    resolution: Array  # of θ then q
-    noise: Array  # of θ then q
-    current_noise: Array
-    force_noise: float
-    delay: int
-
-    def encoder_noise(self, rows: int, seed: int) -> Array:
-        """What is added to θ then q before they are counted (T, 2n). Its numbers are its own: the same seed gives the
-        same noise of current and force with and without it."""
-        if not self.noise.any():
-            return np.zeros((rows, len(self.noise)))
-        return np.random.default_rng([seed, 1]).normal(size=(rows, len(self.noise))) * self.noise
-
-    def read(self, angles: Array) -> Array:
-        """Angles (..., 2n), noise on them, as the encoders count them."""
-        counted: Array = np.rint(angles / self._step) * self._step
-        return counted if self._all_count else np.where(self._counts, counted, angles)
-
-    @cached_property
-    def _counts(self) -> NDArray[np.bool_]:
-        return self.resolution > 0
-
-    @cached_property
-    def _all_count(self) -> bool:
-        return bool(self._counts.all())
-
-    @cached_property
-    def _step(self) -> Array:
-        return np.where(self._counts, self.resolution, 1.0)
+def _make_columns(arm: Arm, reference: Reference, seen: Array, commanded: Array, measured: Array) -> dict[str, Array]:
+    """The columns of the joints, from encoder readings (T, 2n) and commanded and measured inputs (T, n)."""
+    columns: dict[str, Array] = {}
+    for j in range(arm.n):
+        kind = arm.input_names[j].rpartition("_")[0]
+        columns[f"{kind}_command_{j + 1}"], columns[f"{kind}_{j + 1}"] = commanded[:, j], measured[:, j]
+        columns[f"motor_position_{j + 1}"], columns[f"joint_position_{j + 1}"] = seen[:, j], seen[:, arm.n + j]
+        if reference.space == "joint":
+            columns[f"joint_position_reference_{j + 1}"] = reference.position[:, j]
+    return {name: np.ascontiguousarray(values) for name, values in columns.items()}
 
 
-def errors(arm: Arm, sensors: Sensors) -> Errors:
-    """What ``sensors`` do, each number taken from the robot file where it is not given. Raises PlantError."""
-    joints = arm.robot["joints"]
-    chosen = []
-    for given, key in (
-        (sensors.motor_resolution, "motor_encoder_resolution"),
-        (sensors.joint_resolution, "joint_encoder_resolution"),
-        (sensors.motor_noise, "motor_encoder_noise"),
-        (sensors.joint_noise, "joint_encoder_noise"),
-        (sensors.current_noise, "current_noise"),
-    ):
-        values = np.array([joint["sensor"][key] for joint in joints] if given is None else given, float)
-        if values.shape != (arm.n,) or not (np.isfinite(values).all() and (values >= 0).all()):
-            raise PlantError(f"{key} takes {arm.n} values, finite and not negative.")
-        chosen.append(values)
-    if not isinstance(sensors.delay, int) or sensors.delay < 0:
-        raise PlantError(f"delay is a whole number of ticks from 0, not {sensors.delay}.")
-    force_noise = arm.robot["force_noise"] if sensors.force_noise is None else sensors.force_noise
-    if not 0 <= force_noise < np.inf:
-        raise PlantError(f"force_noise must be finite and not negative, N, not {force_noise}.")
-    angles = np.concatenate(chosen[:2]), np.concatenate(chosen[2:4])
-    return Errors(*angles, chosen[4], float(force_noise), int(sensors.delay))
+def find_start(arm: Arm, reference: Reference, start: ArrayLike | None) -> Array:
+    """Find the joint positions at which a motion begins.
+
+    Args:
+        arm: The arm.
+        reference: The motion.
+        start: (n), joint positions next to them; None: a bent arm.
+
+    Returns:
+        (n), rad (m where prismatic).
+
+    Raises:
+        PlantError: The motion begins out of reach.
+
+    """
+    near = np.full(arm.n, 0.6)
+    if start is not None:
+        near = np.asarray(start, float)
+    if reference.space != "tip":
+        return reference.position[0]
+    return posture(arm, reference.position[0], near)
 
 
 def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> None:
     if arm.n != controller.arm.n:
         raise PlantError(f"the controller is of an arm with {controller.arm.n} joints and the plant has {arm.n}.")
-    width = 2 if reference.space == "tip" else arm.n
+    width = arm.n
+    if reference.space == "tip":
+        width = 2
     parts = (reference.position, reference.velocity, reference.acceleration)
     rows = len(reference.position)
     if not rows or any(part.shape != (rows, width) or not np.isfinite(part).all() for part in parts):
@@ -209,10 +198,27 @@ def _fitting_sizes(arm: Arm, controller: Controller, reference: Reference) -> No
             f"a {reference.space} motion takes finite position, velocity and acceleration ({width} entries a row each) "
             f"and at least one row, not the shapes {', '.join(str(part.shape) for part in parts)}."
         )
+    if reference.period != controller.guard.period:
+        raise PlantError(
+            f"the reference's period is {reference.period} s and the controller's {controller.guard.period} s; "
+            "make them equal."
+        )
 
 
 def forces(pushes: Sequence[Push], time: Array) -> Array:
-    """The pushes together at each time (T, 2), N. Raises PlantError."""
+    """Add up pushes over time.
+
+    Args:
+        pushes: The pushes.
+        time: (T), s.
+
+    Returns:
+        (T, 2), the force on the tip, N.
+
+    Raises:
+        PlantError: A push does not end after its begin, or is not finite.
+
+    """
     total = np.zeros((len(time), 2))
     for push in pushes:
         if not (np.isfinite([push.start, push.end, *push.force]).all() and push.start < push.end):
@@ -234,8 +240,11 @@ def _loop(
     progress: Callable[[int, int], None] | None,
     world: World | None,
 ) -> tuple[Array, Array, Array, Array, NDArray[np.int32]]:
-    """Tick by tick: what the encoders said (T, 2n), the states, the torques sent, what a current sensor reads of them
-    (T, n), the statuses. What the world adds stands in ``push`` and ``felt`` afterwards."""
+    """Simulate tick by tick.
+
+    Returned are the encoders' readings (T, 2n), the states, the torques sent, the currents that act (T, n) and the
+    statuses; the force of ``world`` is added to ``push`` and ``felt``.
+    """
     n, count, period, delay = arm.n, len(rows), controller.guard.period, scheme.delay
     steps = arm.steps_in(period)
     x, u, h = arm.rest(q0), np.zeros(arm.nu), np.array([period / steps])
@@ -277,11 +286,27 @@ def _loop(
 def ideal(
     arm: Arm, controller: Controller, push: Array, period: float, gains: Mapping[str, float] | None = None
 ) -> Array:
-    """How far M ẍ + B ẋ + K x = F moves the tip (T, 2, m) under ``push`` (T, 2, N): what a Cartesian law is to do.
-    ``gains``: another admittance than the controller's."""
+    """Simulate the admittance M ẍ + B ẋ + K x = F that a Cartesian law is to show.
+
+    Args:
+        arm: The arm.
+        controller: The controller, with the gains M, B and K.
+        push: (T, 2), the force F, N.
+        period: The time between rows, s.
+        gains: The gains of another admittance; None: the controller's.
+
+    Returns:
+        (T, 2), the tip's displacement x, m.
+
+    Raises:
+        PlantError: The law has no Cartesian mass, damping and stiffness.
+
+    """
     from scipy.linalg import expm
 
-    names = controller.gains if gains is None else gains
+    names: Mapping[str, float] = controller.gains
+    if gains is not None:
+        names = gains
     if "mass_x" not in names:
         raise PlantError(f"{controller.law} has no Cartesian mass, damping and stiffness.")
     moved = np.zeros_like(push)

@@ -1,4 +1,4 @@
-"""Stretches of rows in which something holds."""
+"""Runs of consecutive rows in which a condition holds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def stretches(rows: ArrayLike) -> NDArray[np.intp]:
-    """First row of each stretch of true ``rows`` (T,) and the row after its last, (S, 2)."""
+    """Find the runs of consecutive true rows.
+
+    Args:
+        rows: (T,), true where the condition holds.
+
+    Returns:
+        (S, 2): the first row of each run and the row after its last.
+
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], np.asarray(rows, bool), [False]]).astype(np.int8)))
     return edges.reshape(-1, 2)

@@ -14,19 +14,23 @@ import numpy as np
 from hdagen.names import list_some, printable, shown, shown_path
 from hdagen.whole import open_whole
 
-MOST_COLUMNS = 10_000  # of a file
+MOST_COLUMNS = 10_000  # columns of a file
 MOST_CELLS = 100_000_000  # rows times columns in use: an hour of 27 columns at 1 kHz
 _MOST_UNPACKED = 10 * MOST_CELLS  # bytes
 _MOST_FOOTER = 16 << 20  # bytes that describe the columns and row groups of a Parquet file
-_MOST_PROBLEMS = 100  # that are said
+_MOST_PROBLEMS = 100  # problems that are listed
 _SMALLER = "cut the log into shorter ones, or leave columns out with ignore in a columns.toml"
 _WRITTEN = (".csv", ".parquet")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")  # a column name that needs no quoting anywhere
 
 
 class LogError(Exception):
-    """A log that cannot be used or written: ``problems`` holds one printable sentence for each thing wrong, of very
-    many the first."""
+    """A log that cannot be used or written.
+
+    Attributes:
+        problems: One printable sentence for each problem; of very many the first ones.
+
+    """
 
     def __init__(self, problems: list[str]) -> None:
         self.problems = [printable(problem) for problem in problems[:_MOST_PROBLEMS]]
@@ -39,9 +43,12 @@ class LogError(Exception):
 class Table:
     """Columns of equal length as they stand in a file, no unit converted.
 
-    ``columns`` holds float64 arrays of shape (T,) for the names that were asked for, NaN where a cell is empty;
-    ``names`` all names of the file; ``first_line`` the text line of row 1 (None where the file is not text);
-    ``notes`` what was done to read it, as sentences.
+    Attributes:
+        columns: (T,) each, float64, for the names that were asked for; NaN where a cell is empty.
+        names: All names in the file.
+        first_line: The text line of row 1; None where the file is not text.
+        notes: Sentences on how the file was read.
+
     """
 
     columns: dict[str, np.ndarray]
@@ -50,12 +57,34 @@ class Table:
     notes: tuple[str, ...]
 
     def place(self, row: int) -> str:
-        """Row ``row`` (counted from 0) in a person's words: counted from 1, with its line in a text file."""
-        return f"row {row + 1}" + (f" (line {row + self.first_line})" if self.first_line is not None else "")
+        """Name a row as a person counts it.
+
+        Args:
+            row: The row's number, from 0.
+
+        Returns:
+            The number from 1 in words, with the row's line in a text file.
+
+        """
+        if self.first_line is None:
+            return f"row {row + 1}"
+        return f"row {row + 1} (line {row + self.first_line})"
 
 
 def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
-    """Read the columns for which ``keep(name)`` holds; pages with a wrong checksum are refused. Raises LogError."""
+    """Read columns of a Parquet file; pages with a wrong checksum are refused.
+
+    Args:
+        path: The file.
+        keep: Tells by a column's name whether it is read.
+
+    Returns:
+        The columns as they stand in the file; time stamps as seconds from their first row.
+
+    Raises:
+        LogError: The file cannot be read, is too large, or holds a column that is not numeric.
+
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -93,7 +122,15 @@ def read_parquet(path: Path, keep: Callable[[str], bool]) -> Table:
 
 
 def is_number(kind: Any) -> bool:
-    """Whether an Arrow type converts to float64."""
+    """Tell whether an Arrow type converts to float64.
+
+    Args:
+        kind: The type.
+
+    Returns:
+        Whether it is one of integers, floating point or Booleans.
+
+    """
     import pyarrow as pa
 
     types = pa.types
@@ -116,8 +153,20 @@ def _numbers(name: str, column: Any, notes: list[str]) -> np.ndarray:
 
 
 def check_columns(path: Path, names: Sequence[str], keep: Callable[[str], bool]) -> list[str]:
-    """The names for which ``keep(name)`` holds. Raises LogError where there are too many columns, or where one of them
-    stands in the file more than once."""
+    """Choose the columns of a file that are read.
+
+    Args:
+        path: The file, for the error.
+        names: All names in its header.
+        keep: Tells by a column's name whether it is read.
+
+    Returns:
+        The names of the columns that are read.
+
+    Raises:
+        LogError: There are too many columns, or one that is read stands in the header more than once.
+
+    """
     if len(names) > MOST_COLUMNS:
         raise LogError(
             [f"{path}: found {len(names)} columns, possible are {MOST_COLUMNS}; export those that are needed."]
@@ -139,7 +188,17 @@ def check_columns(path: Path, names: Sequence[str], keep: Callable[[str], bool])
 
 
 def check_cells(path: Path, rows: int, columns: int) -> None:
-    """Refuse more cells than a log may have, before any is read. Raises LogError."""
+    """Refuse a file with more cells than a log may have, before any is read.
+
+    Args:
+        path: The file, for the error.
+        rows: Its rows.
+        columns: Its columns in use.
+
+    Raises:
+        LogError: There are more than `MOST_CELLS` cells.
+
+    """
     if rows * columns > MOST_CELLS:
         raise LogError(
             [f"{path}: found {rows} rows of {columns} columns in use, possible are {MOST_CELLS} cells; {_SMALLER}."]
@@ -167,7 +226,15 @@ def _check_unpacked(path: Path, metadata: Any, wanted: set[str]) -> None:
 
 
 def unwritable(path: Path) -> list[str]:
-    """Why no table can be written to ``path``, known before the work for it is done: one sentence a problem."""
+    """Find the reasons why no table can be written to a path, before the work for the table is done.
+
+    Args:
+        path: The file to be written.
+
+    Returns:
+        One sentence for each problem; none where the path will do.
+
+    """
     problems = []
     if path.suffix not in _WRITTEN:
         problems.append(f"cannot write a file ending in {shown(path.suffix)}; possible are {' and '.join(_WRITTEN)}.")
@@ -180,10 +247,17 @@ def unwritable(path: Path) -> list[str]:
 
 
 def write(table: Mapping[str, np.ndarray], path: Path | str) -> None:
-    """Write columns of shape (T,) as float64: .csv (shortest text that reads back exactly), .parquet (page checksums).
+    """Write columns as float64: to .csv in the shortest text that reads back exactly, or to .parquet with checksums.
 
-    The file appears whole or not at all; a file that stood there before stays as it was where writing fails.
-    Raises LogError.
+    The file appears whole or not at all; where writing fails an earlier file stays as it was.
+
+    Args:
+        table: (T,) each, by name.
+        path: The file, ending in .csv or .parquet.
+
+    Raises:
+        LogError: The columns or the path will not do, or the file cannot be written.
+
     """
     path = Path(path)
     columns = {name: np.asarray(values, dtype=np.float64) for name, values in table.items()}
@@ -224,5 +298,13 @@ def _emit(arrow: Any, suffix: str, file: BinaryIO) -> None:
 
 
 def first_line(error: BaseException) -> str:
-    """The first line of an error's text, without its final full stop."""
+    """Take the first line of an error's text.
+
+    Args:
+        error: The error.
+
+    Returns:
+        The line without its final full stop, of 300 characters at most.
+
+    """
     return (str(error).splitlines() or [type(error).__name__])[0].rstrip(". ")[:300]

@@ -1,4 +1,4 @@
-"""Work on many things in threads: what is numpy or the compiled library lets go of the interpreter."""
+"""Work on many things in threads: numpy and the compiled library release the interpreter's lock while they compute."""
 
 from __future__ import annotations
 
@@ -13,8 +13,18 @@ Made = TypeVar("Made")
 
 
 def together(work: Callable[[Given], Made], things: Iterable[Given]) -> list[Made]:
-    """``work`` on each of ``things``, in their order; each is let go of when its turn has come, so that large ones that
-    nobody else holds do not stay."""
+    """Call a function on each of many things, in two threads.
+
+    Each thing is released when its turn has come, so that large ones that nobody else holds are freed.
+
+    Args:
+        work: The function; it must be safe to call from several threads.
+        things: Its arguments.
+
+    Returns:
+        The results, in the order of ``things``.
+
+    """
     waiting = dict(enumerate(things))
     with ThreadPoolExecutor(THREADS) as pool:
         return list(pool.map(lambda k: work(waiting.pop(k)), list(waiting)))

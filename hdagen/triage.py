@@ -1,4 +1,4 @@
-"""Triage: what a log is worth before anything is computed from it, in words with numbers."""
+"""Triage: the quality of a log before anything is computed from it, in words with numbers."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from hdagen.channels import Channel, describe
+from hdagen.columns import split_name
 from hdagen.log import Log, gaps
 from hdagen.suspicion import effort, inputs, lines, positions, stopped
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
 __all__ = ["Finding", "Severity", "Triage", "look", "triage"]
 
-_MANY_DROPPED = 0.005, 0.2  # share of rows missing that is worth a warning, and that cannot be worked with
-_LONG_GAP = 0.25  # s; a window of the replay
-_SHORT = 1.0  # s
+_MANY_DROPPED = 0.005, 0.2  # share of missing rows above which a log is warned of, and is refused
+_LONG_GAP = 0.25  # s, the length of a window of the replay
+_SHORT = 1.0  # s, below which a log is warned of
 _SLOW = 200.0  # Hz; joint resonances lie at 15 to 140 Hz
-_COSTS = (  # what a missing channel costs, for a joint that does not have it
+_COSTS = (  # the cost of a channel that a joint does not have
     ("motor_position", "in a flexible joint, torsion, backlash and kinematic error cannot be told apart"),
     ("joint_position", "what bends or errs behind the motor is seen only through the motor"),
     ("joint_position_reference", "the loop cannot be closed in a replay"),
@@ -28,11 +29,23 @@ _COSTS = (  # what a missing channel costs, for a joint that does not have it
 
 @dataclass(frozen=True, eq=False)
 class Triage:
-    """A log in numbers, and what was found in it.
+    """A log in numbers, and the findings in it.
 
-    ``rate`` in Hz; ``jitter`` the standard deviation of the time between stamps, gaps apart, in s; ``even``: whether
-    rows are taken as evenly spaced instead; ``time_uncertainty`` of an instant, in s; ``dropped`` rows are
-    missing in ``gaps`` gaps; ``lags`` of measured inputs behind their commands in s, by the measured channel.
+    Attributes:
+        source: The log's origin.
+        rows: Its rows.
+        duration: s.
+        rate: Hz.
+        jitter: Standard deviation of the time between stamps, without gaps, s.
+        even: Whether rows are taken as evenly spaced instead of the stamps.
+        time_uncertainty: Standard deviation of an instant, s.
+        dropped: The number of rows that are missing.
+        gaps: The number of gaps in which they are missing.
+        channels: The channels' statistics.
+        lags: Lags of measured inputs behind their commands, s, by the measured channel.
+        findings: The findings, the gravest first.
+        notes: The log's notes.
+
     """
 
     source: str
@@ -51,17 +64,17 @@ class Triage:
 
     @property
     def refusals(self) -> tuple[str, ...]:
-        """Why nothing right can be computed from the log; empty if it can be used."""
+        """The reasons why nothing right can be computed from the log; empty if it can be used."""
         return self._sentences(Severity.REFUSE)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is worth a look."""
+        """The warnings."""
         return self._sentences(Severity.WARN)
 
     @property
     def noticed(self) -> tuple[str, ...]:
-        """What else it shows, but for what is missing and for skews, which have places of their own."""
+        """The notes, without those on missing channels and on skews, which stand elsewhere."""
         own = [finding for finding in self.findings if finding.name not in ("missing", "skew")]
         return tuple(dict.fromkeys(f.sentence for f in own if f.severity is Severity.NOTE))
 
@@ -75,7 +88,9 @@ class Triage:
             f"{1e6 * self.jitter:.3g} us, {self.dropped} dropped in {self.gaps} gap(s)."
         ]
         for channel in self.channels:
-            step = f"steps of {channel.step:.3g}" if channel.step else "no steps seen"
+            step = "no steps seen"
+            if channel.step:
+                step = f"steps of {channel.step:.3g}"
             lines.append(f"{channel.name}: {channel.low:.4g} to {channel.high:.4g}, noise {channel.noise:.2g}, {step}.")
         lines += [f"{name} lags its command by {1e3 * seconds:.3g} ms." for name, seconds in self.lags.items()]
         lines += self.notes
@@ -111,19 +126,30 @@ def triage(
     position_limits: Sequence[tuple[float, float] | None] | None = None,
     prismatic: Sequence[int] = (),
 ) -> Triage:
-    """Look at ``log`` as one of a robot with gear ``ratios`` (one a joint; rad/m where prismatic).
+    """Examine a log of a robot.
 
-    What the robot file states sharpens the look: encoder ``resolutions`` by column name (rad or m), ``max_currents``
-    (A) and ``position_limits`` (rad or m) a joint, None where it is silent; ``prismatic`` lists joint numbers.
-    Raises ValueError where the lengths differ from the log's joints.
+    Args:
+        log: The log.
+        ratios: The gear ratio of each joint (rad/m where prismatic).
+        resolutions: The encoders' resolutions by column name, rad or m, where they are known.
+        max_currents: The largest current of each joint, A; None where it is not known.
+        position_limits: The range of each joint, rad or m; None where it is not known.
+        prismatic: The numbers of the prismatic joints.
+
+    Returns:
+        The log in numbers, with the findings.
+
+    Raises:
+        ValueError: The lengths differ from the log's number of joints.
+
     """
     n = log.n_joints
     none: tuple[None, ...] = (None,) * n
     machine = Machine(
         tuple(float(ratio) for ratio in ratios),
         dict(resolutions or {}),
-        tuple(max_currents) if max_currents is not None else none,
-        tuple(position_limits) if position_limits is not None else none,
+        none if max_currents is None else tuple(max_currents),
+        none if position_limits is None else tuple(position_limits),
         tuple(joint in prismatic for joint in range(1, n + 1)),
     )
     if not len(machine.ratios) == len(machine.max_currents) == len(machine.position_limits) == n:
@@ -133,13 +159,15 @@ def triage(
     gap_rows, missing = gaps(log.time)
     lags = inputs.lags(log)
     findings = _time(log, steps, gap_rows, missing) + _worth(log, channels) + _suspect(log, channels, machine, lags)
-    order = list(Severity)
+    order, jitter = list(Severity), 0.0
+    if len(steps) > len(gap_rows):
+        jitter = float(np.std(np.delete(np.diff(log.logged_time), gap_rows)))
     return Triage(
         source=log.source,
         rows=len(log),
         duration=float(log.time[-1] - log.time[0]),
         rate=1 / log.period,
-        jitter=float(np.std(np.delete(np.diff(log.logged_time), gap_rows))) if len(steps) > len(gap_rows) else 0.0,
+        jitter=jitter,
         even=log.stamps is not None,
         time_uncertainty=log.time_uncertainty,
         dropped=int(missing.sum()),
@@ -152,7 +180,16 @@ def triage(
 
 
 def look(log: Log, robot: Mapping[str, Any]) -> Triage:
-    """`triage` with all that a robot file states, as a build's manifest holds it (``arm.robot``)."""
+    """Examine a log with all that a robot file states.
+
+    Args:
+        log: The log.
+        robot: The robot, as a build's manifest describes it (`Arm.robot`).
+
+    Returns:
+        The log in numbers, with the findings, as `triage` gives it.
+
+    """
     joints = robot["joints"]
     resolutions = {
         f"{side}_position_{j}": joint["sensor"][f"{side}_encoder_resolution"]
@@ -172,7 +209,7 @@ def look(log: Log, robot: Mapping[str, Any]) -> Triage:
 def _suspect(
     log: Log, channels: Mapping[str, Channel], machine: Machine, lags: Mapping[str, inputs.Lag]
 ) -> list[Finding]:
-    """Mistakes. One spoils the search for others: a channel found wrong is left out of the comparisons that follow."""
+    """Find mistakes. One spoils the search for others: a channel found wrong is left out of later comparisons."""
     findings = positions.jumps(log, channels) + positions.lost_rows(log, channels)
     findings += stopped.still(log, channels) + stopped.cut_positions(log, channels)
     sound = _sound(log, findings)
@@ -200,7 +237,7 @@ def _suspect(
 
 
 def _sound(log: Log, findings: list[Finding], names: tuple[str, ...] = ("wrapped", "jump")) -> list[int]:
-    """The joints for which none of ``names`` was found in refusal."""
+    """The joints without a finding of ``names`` that refuses the log."""
     spoilt = {finding.joint for finding in findings if finding.severity is Severity.REFUSE and finding.name in names}
     return [joint for joint in range(1, log.n_joints + 1) if joint not in spoilt]
 
@@ -235,7 +272,7 @@ def _time(log: Log, steps: np.ndarray, rows: np.ndarray, missing: np.ndarray) ->
 
 
 def _worth(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Channels that are missing, constant or saturated, and what that costs."""
+    """Channels that are missing, constant or saturated, with the cost of each."""
     findings = []
     for joint in range(1, log.n_joints + 1):
         for base, cost in _COSTS:
@@ -243,12 +280,12 @@ def _worth(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
                 findings.append(Finding(Severity.NOTE, "missing", joint, f"{base}_{joint} is not logged: {cost}."))
         for commanded, measured in inputs.PAIRS:
             command, name = f"{commanded}_{joint}", f"{measured}_{joint}"
-            if (command in channels) != (name in channels):
-                absent = name if command in channels else command
-                sentence = f"{absent} is not logged: delay, lag and saturation of the drive cannot be seen."
+            absent = [one for one in (command, name) if one not in channels]
+            if len(absent) == 1:
+                sentence = f"{absent[0]} is not logged: delay, lag and saturation of the drive cannot be seen."
                 findings.append(Finding(Severity.NOTE, "missing", joint, sentence))
     for name, channel in channels.items():
-        joint = int(suffix) if (suffix := name.rpartition("_")[2]).isdigit() else 0
+        _, joint = split_name(name) or (name, 0)
         if "_position_" in name and "reference" not in name and not channel.moves:
             sentence = (
                 f"{name} stays between {channel.low:.5g} and {channel.high:.5g}: the joint was not moved, so nothing "

@@ -20,11 +20,11 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write a file whole or not at all.
 
     Args:
-        path: Its place, in a folder that is there.
-        content: What it is to hold.
+        path: The file, in a folder that exists.
+        content: The bytes of the file.
 
     Raises:
-        OSError: It cannot be written; what stood there is unchanged, and nothing is left beside it.
+        OSError: The file cannot be written; an earlier file is unchanged, and nothing is left beside it.
 
     """
     with open_whole(path) as file:
@@ -33,25 +33,27 @@ def write_whole(path: Path, content: bytes) -> None:
 
 @contextmanager
 def open_whole(path: Path) -> Iterator[BinaryIO]:
-    """A new file beside ``path`` that takes its place when the block ends without an error.
+    """Open a new file beside a path, and rename it over the path when the block ends without an error.
 
-    It stands under the name ``file.name``, with the suffix of ``path``, and may be read there once it is flushed. It is
-    locked until it is complete; what has no lock was left by a process that was killed, and is removed.
+    The new file has the name ``file.name``, with the suffix of ``path``, and may be read there once it is flushed. It
+    is locked until it is complete. A file of this kind without a lock was left by a process that was killed; it is
+    removed.
 
     Args:
-        path: Its place, in a folder that is there.
+        path: The file, in a folder that exists.
 
     Yields:
-        The file, to be written.
+        The new file, to be written.
 
     Raises:
-        OSError: It cannot be written, or at its place is something else than a file; what stood there is unchanged, and
-            nothing is left beside it.
+        OSError: The file cannot be written, or the path is no regular file; an earlier file is unchanged, and nothing
+            is left beside it.
 
     """
+    if path.is_dir():
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if path.exists() and not path.is_file():
-        code = errno.EISDIR if path.is_dir() else errno.EINVAL
-        raise OSError(code, os.strerror(code) if path.is_dir() else "it is no regular file", str(path))
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
     folder = path.absolute().parent
     _remove_abandoned(folder)
     handle = os.open(folder, os.O_RDONLY)  # before anything is written, so that a rename is not followed by an error
@@ -75,12 +77,20 @@ def open_whole(path: Path) -> Iterator[BinaryIO]:
 
 
 def is_part(path: Path) -> bool:
-    """Whether a path is what stands beside a file while that is written, or after a kill."""
+    """Tell whether a path is a file half-written by `open_whole`.
+
+    Args:
+        path: The path, of which only the name counts.
+
+    Returns:
+        Whether the name is one that `open_whole` gives until its file is complete.
+
+    """
     return _PART.fullmatch(path.name) is not None
 
 
 def _create_beside(path: Path) -> BinaryIO:
-    """A new file, locked; one that was taken for an abandoned one before its lock was there is made again."""
+    """Create a new, locked file; if another process removed it before it was locked, create it again."""
     while True:
         name = path.with_name(f".{path.stem[:40]}.part-{secrets.token_hex(8)}{path.suffix[:20]}")
         file = name.open("xb")
@@ -90,7 +100,7 @@ def _create_beside(path: Path) -> BinaryIO:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove what killed processes of this user left half-written in a folder: parts that nobody holds locked."""
+    """Remove the half-written files in a folder that killed processes of this user left: those without a lock."""
     with suppress(OSError):  # a folder that cannot be listed
         for part in filter(is_part, folder.iterdir()):
             with suppress(OSError):  # another process was faster
@@ -104,7 +114,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def _locks(handle: int) -> bool:
-    """Whether the lock of an open file could be had; not where another process has it, or the disk knows no locks."""
+    """Lock an open file; False where another process has the lock, or the disk knows no locks."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

@@ -17,9 +17,10 @@ from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Lane, Shooting
 from hdagen.diagnosis.starts import Suggested
+from hdagen.driving_inputs import driven_by
 from hdagen.log import Log
 from hdagen.plant import Arm
-from hdagen.replay import driven_by, replay
+from hdagen.replay import replay
 
 PERIOD = 0.01  # s between rows
 STEP, NOISE = 1e-4, 0.2  # rad of the encoder, N m of the torque's sensor

@@ -26,8 +26,9 @@ from hdagen.diagnosis.sentences import confounded, say_contradiction, sentence
 from hdagen.diagnosis.single_moments import find_moments
 from hdagen.diagnosis.unseen_motion import UnseenMotion
 from hdagen.log import Log, LogError
+from hdagen.log_preparation import _still_joints
 from hdagen.plant import Arm
-from hdagen.repair import _still_joints, repair
+from hdagen.repair import repair
 from hdagen.replay import Replay
 
 ROWS, WINDOW, SIZES = 8000, 250, np.array([1.0, 1.2])

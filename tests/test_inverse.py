@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from replayed import FLEXIBLE, RIGID, simulated, smooth
 
+from hdagen.driving_inputs import driven_by
 from hdagen.inverse import force_error
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError
-from hdagen.replay import driven_by
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, simulated
 
+from hdagen.driving_inputs import driven_by
 from hdagen.kalman import BURN_IN, FILTERS, SHOWN, Bank
 from hdagen.kalman import MEMORY as FADES
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, within
-from hdagen.replay import driven_by
 
 CASES: dict[str, tuple[str, tuple[str, ...], dict[str, float], bool]] = {
     "flexible": (FLEXIBLE, (), {}, False),

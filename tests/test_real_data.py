@@ -16,10 +16,11 @@ import pytest
 
 from hdagen import replay_command
 from hdagen.closed_loop import closed_loop, read_controller
+from hdagen.driving_inputs import driven_by
 from hdagen.inverse import force_error
 from hdagen.log import Log, read
 from hdagen.plant import Arm
-from hdagen.replay import driven_by, replay
+from hdagen.replay import replay
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 EMPS, DFKI = EXAMPLES / "emps", EXAMPLES / "dfki"

@@ -18,8 +18,9 @@ from replayed import FLEXIBLE, JOINT, NOISE, SENSORS
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.log import Log, LogError, read, write
+from hdagen.log_preparation import prepared
 from hdagen.plant import Arm
-from hdagen.repair import prepared, repair, segments
+from hdagen.repair import repair, segments
 from hdagen.triage import look
 
 

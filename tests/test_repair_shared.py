@@ -16,8 +16,8 @@ from replayed import JOINT, MOTOR, NOISE, simulated
 from hdagen.channels import describe
 from hdagen.diagnosis.portion import part
 from hdagen.log import Log, LogError, read
+from hdagen.log_preparation import prepared
 from hdagen.plant import Arm
-from hdagen.repair import prepared
 from hdagen.shared_motion import shared_motion
 
 # a log that is no other recording: how it is made of the log

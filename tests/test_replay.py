@@ -11,10 +11,11 @@ from replayed import FLEXIBLE, HYSTERESIS, MEMORY, RIGID, multiples, simulated, 
 
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion
+from hdagen.driving_inputs import driven_by
 from hdagen.log import Log, LogError
 from hdagen.plant import Arm, PlantError, load
 from hdagen.readings import Readings
-from hdagen.replay import driven_by, replay, window_starts
+from hdagen.replay import replay, window_starts
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,10 @@ from hdagen.columns import commanded
 from hdagen.diagnosis.missing import Sight
 from hdagen.diagnosis.portion import Mask, Portion
 from hdagen.diagnosis.shooting import DRIVES
+from hdagen.driving_inputs import driven_by
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
-from hdagen.replay import Replay, driven_by, replay
+from hdagen.replay import Replay, replay
 from hdagen.torques import torque_per_input
 
 WAVES = 100  # random Fourier features

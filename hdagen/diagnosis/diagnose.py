@@ -40,8 +40,8 @@ from hdagen.diagnosis.unseen_motion import UnseenMotion, measure_unseen
 from hdagen.diagnosis.whereabouts import where
 from hdagen.identity import identity
 from hdagen.log import Log, LogError
+from hdagen.log_preparation import prepared
 from hdagen.plant import Arm, PlantError, load
-from hdagen.repair import prepared
 from hdagen.replay import Replay, check, replay
 from hdagen.together import together
 

@@ -20,10 +20,11 @@ import numpy as np
 from hdagen import verdict
 from hdagen.channels import Even, even
 from hdagen.columns import commanded
+from hdagen.driving_inputs import acted_on, driven_by
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, complete, mechanical, unread
-from hdagen.replay import Replay, acted_on, driven_by
+from hdagen.replay import Replay
 from hdagen.torques import torque_per_input
 
 NARROW = 0.007  # s, of the boxcar before the velocity that friction sees: reversals stay where they are

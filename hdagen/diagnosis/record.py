@@ -16,15 +16,17 @@ from functools import cached_property
 import numpy as np
 
 from hdagen.between_rows import between_rows
+from hdagen.channel_noise import channel_noise, instants_noise
 from hdagen.channels import describe
 from hdagen.columns import commanded
 from hdagen.determined import ROWS
 from hdagen.diagnosis.portion import Mask, Portion
+from hdagen.driving_inputs import driven_by, driving_channel, is_command
 from hdagen.log import Log
 from hdagen.plant import Arm, Array
 from hdagen.readings import Readings, Rows, complete, mechanical
 from hdagen.repair import segments
-from hdagen.replay import channel_noise, driven_by, driving_channel, instants_noise, is_command, window_starts
+from hdagen.replay import window_starts
 from hdagen.torques import torque_per_input
 
 QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")

@@ -188,7 +188,7 @@ def driven(
 ) -> Driven:
     """``current`` (T, n, A) commanded and ``push`` (T, 2, N) on the tip, from rest at joint positions ``q``; dry
     friction set-valued. The log holds what sensors read, the joint torque sensors too."""
-    from hdagen.simulation import errors
+    from hdagen.sensors import errors
 
     scheme, random, n = errors(arm, sensors or Sensors()), np.random.default_rng(seed), arm.n
     mean, acting = arm.acting(current, PERIOD, np.zeros(n))
