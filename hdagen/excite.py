@@ -26,25 +26,12 @@ from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
 from hdagen.log import Log
+from hdagen.motion_limits import Limits, limits_of, middle, units
+from hdagen.motion_shapes import Motion, motions
 from hdagen.names import meant
 from hdagen.plant import Arm, Array, PlantError, is_number
 from hdagen.reference import Reference
-from hdagen.safe_motion import (
-    MARGIN,
-    Kept,
-    Limits,
-    Motion,
-    drawn,
-    follow,
-    keep,
-    limits_of,
-    middle,
-    motions,
-    seen,
-    shares,
-    units,
-    with_size,
-)
+from hdagen.safe_motion import MARGIN, Kept, drawn, follow, keep, seen, shares, with_size
 from hdagen.simulation import Simulation
 from hdagen.together import together
 from hdagen.torques import torque_per_input

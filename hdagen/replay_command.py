@@ -95,7 +95,6 @@ def run(options: argparse.Namespace) -> int:
     from hdagen.closed_loop import closed_loop, read_controller
     from hdagen.diagnosis.held_out import count_rows
     from hdagen.log import LogError, read, write
-    from hdagen.repair import as_measured, repair
     from hdagen.replay import WINDOW, check, replay
 
     _check(options)
@@ -107,16 +106,10 @@ def run(options: argparse.Namespace) -> int:
     )  # before a model is compiled, which takes its time
     arm = _load(options, stated)
     check(arm, measured)
-    if counted is None:
-        measured, mended = as_measured(measured, arm)
-        notes, refusals = look(arm, measured)
-        notes += [one.sentence for one in mended]
-        if refusals:
-            print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)
-            return UNUSABLE
-    else:  # the log as the diagnosis took it
-        measured, _, seen = repair(measured, arm)
-        notes = list(seen.warnings)
+    measured, notes, refusals = _repair(arm, measured, counted is not None)
+    if refusals:
+        print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)
+        return UNUSABLE
     if laws is not None:
         if stated is not None:
             arm, said = verdict.applied(arm, stated)
@@ -139,6 +132,18 @@ def run(options: argparse.Namespace) -> int:
     else:
         _print(options, arm, measured, found, force, notes)
     return DONE
+
+
+def _repair(arm: Arm, log: Log, diagnosed: bool) -> tuple[Log, list[str], list[str]]:
+    """The log with its repairs, notes and refusals; ``diagnosed``: as a diagnosis took it."""
+    from hdagen.repair import as_measured, repair
+
+    if diagnosed:
+        log, _, seen = repair(log, arm)
+        return log, list(seen.warnings), []
+    log, mended = as_measured(log, arm)
+    notes, refusals = look(arm, log)
+    return log, notes + [one.sentence for one in mended], refusals
 
 
 def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
