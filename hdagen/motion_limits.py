@@ -18,8 +18,8 @@ START = 0.6  # rad: where a joint without a range starts; of a prismatic one 0
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What a motion keeps: position (n, 2) rad or m; speed (n); torque (n) at the joint, N m; current (n) in the
-    motors' unit of input; tip (2, 2) m, of x and y in the base frame. ``notes``: what is assumed, in sentences."""
+    """Limits of a motion: position (n, 2) rad or m; speed (n); torque (n) at the joint, N m; current (n) in the motors'
+    unit of input; tip (2, 2) m, of x and y in the base frame. ``notes``: the assumed ones, in sentences."""
 
     position: Array
     speed: Array
@@ -30,14 +30,28 @@ class Limits:
 
 
 def limits_of(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) -> Limits:
-    """The robot file's limits, narrowed by ``given``: position[_j], tip_x, tip_y (low, high), speed[_j], torque[_j],
-    current[_j] (one number). Raises PlantError with every problem."""
+    """Take the robot file's limits and narrow them.
+
+    Args:
+        arm: The arm.
+        given: Narrower limits by name: position[_j], tip_x, tip_y (low, high), speed[_j], torque[_j], current[_j]
+            (one number), each of all joints or of joint j.
+
+    Returns:
+        The limits.
+
+    Raises:
+        PlantError: A limit does not exist, or is wider than the robot file's; the message has every problem.
+
+    """
     stated, assumed = _stated(arm)
     position, tip = stated.position.copy(), stated.tip.copy()
     most = {"speed": stated.speed.copy(), "torque": stated.torque.copy(), "current": stated.current.copy()}
     problems: list[str] = []
     for name, values in (given or {}).items():
-        kind, _, number = name.rpartition("_") if name[-1:].isdigit() else (name, "", "")
+        kind, number = name, ""
+        if name[-1:].isdigit():
+            kind, _, number = name.rpartition("_")
         if name in ("tip_x", "tip_y"):
             kind = "tip"
         if kind not in ("position", "tip", *most) or (number and not 1 <= int(number) <= arm.n):
@@ -46,15 +60,19 @@ def limits_of(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) ->
                 f"_{arm.n} of one), tip_x and tip_y."
             )
             continue
-        ranged = kind in ("position", "tip")
+        ranged, possible = kind in ("position", "tip"), "one number"
+        if ranged:
+            possible = "LOW:HIGH, low first"
         if len(values) != 1 + ranged or not np.isfinite(values).all() or (ranged and not values[0] < values[1]):
-            problems.append(f"--limits {name}: give {'LOW:HIGH, low first' if ranged else 'one number'}.")
+            problems.append(f"--limits {name}: give {possible}.")
         elif not ranged and not values[0] > 0:
             problems.append(f"--limits {name}={values[0]:g}: admits no motion; give a number above 0.")
         elif kind == "tip":
             tip["xy".index(name[-1])] = values
         else:
-            chosen = [int(number) - 1] if number else list(range(arm.n))
+            chosen = list(range(arm.n))
+            if number:
+                chosen = [int(number) - 1]
             for j in chosen:
                 problems += _narrow(arm, j, name, kind, values, position, most)
                 assumed.pop((kind, j), None)
@@ -66,9 +84,9 @@ def limits_of(arm: Arm, given: Mapping[str, tuple[float, ...]] | None = None) ->
 def _narrow(
     arm: Arm, j: int, name: str, kind: str, values: tuple[float, ...], position: Array, most: Mapping[str, Array]
 ) -> list[str]:
-    """Sets one limit of joint ``j`` (from 0), or says why not."""
+    """Set one limit of joint ``j`` (from 0), or say why it cannot be set."""
     joint = arm.robot["joints"][j]
-    file = joint["drive"]["max_current"] if kind == "current" else joint["limits"][kind]
+    file = (joint["limits"] | {"current": joint["drive"]["max_current"]})[kind]
     if kind == "position":
         if file and (values[0] < file[0] or values[1] > file[1]):
             return [
@@ -83,8 +101,17 @@ def _narrow(
 
 
 def units(arm: Arm, j: int) -> dict[str, str]:
-    """Unit of each kind of limit of joint j (from 0)."""
-    length, effort = ("rad", "N m") if arm.robot["joints"][j]["kind"] == "revolute" else ("m", "N")
+    """Name the units of a joint's limits.
+
+    Args:
+        arm: The arm.
+        j: Number of the joint, from 0.
+
+    Returns:
+        The unit of each kind of limit.
+
+    """
+    length, effort = {"revolute": ("rad", "N m"), "prismatic": ("m", "N")}[arm.robot["joints"][j]["kind"]]
     return {
         "position": length,
         "speed": f"{length}/s",
@@ -94,15 +121,15 @@ def units(arm: Arm, j: int) -> dict[str, str]:
 
 
 def _stated(arm: Arm) -> tuple[Limits, dict[tuple[str, int], str]]:
-    """The robot file's limits, and where it states none what is assumed: a sentence by (kind, joint from 0)."""
+    """The robot file's limits, and a sentence on each assumed one by (kind, joint from 0)."""
     n, assumed, full = arm.n, {}, full_torque(arm)
     position = np.empty((n, 2))
     most = {kind: np.empty(n) for kind in ("speed", "torque", "current")}
     for j, joint in enumerate(arm.robot["joints"]):
         own, drive, slot, unit = joint["limits"], joint["drive"], arm.manifest["input"][j], units(arm, j)
-        middle = START if joint["kind"] == "revolute" else 0.0
+        start = {"revolute": START, "prismatic": 0.0}[joint["kind"]]
         reach, fast = ASSUMED[joint["kind"]]
-        position[j] = own["position"] or (middle - reach, middle + reach)
+        position[j] = own["position"] or (start - reach, start + reach)
         if not own["position"]:
             low, high = position[j]
             taken = f"{low:.3g} to {high:.3g} {unit['position']}"
@@ -121,8 +148,20 @@ def _stated(arm: Arm) -> tuple[Limits, dict[tuple[str, int], str]]:
 
 
 def middle(arm: Arm, limits: Limits) -> Array:
-    """The posture (n) about which to move: nearest to the middle of the ranges among those that gravity lets hold,
-    with the tip well within its workspace. Raises PlantError where there is none."""
+    """Choose the posture about which to move: nearest to the middle of the ranges among those that the motors hold
+    against gravity, with the tip well within its workspace.
+
+    Args:
+        arm: The arm.
+        limits: Its limits.
+
+    Returns:
+        Positions of the joints, (n,) rad or m.
+
+    Raises:
+        PlantError: There is no such posture.
+
+    """
     center, half = limits.position.mean(1), np.diff(limits.position)[:, 0] / 2
     random = np.random.default_rng(0)
     tried = np.vstack([np.zeros(arm.n), random.uniform(-0.7, 0.7, (400, arm.n))]) * half + center
@@ -133,13 +172,13 @@ def middle(arm: Arm, limits: Limits) -> Array:
     inside = np.minimum(tip - limits.tip[:, 0], limits.tip[:, 1] - tip).min(1)
     able = np.flatnonzero((load < 1) & (inside > 0))
     if not len(able):
-        light = int(np.argmin(np.where(inside > 0, load, np.inf)))
-        why = (
-            f"gravity alone takes {100 * HELD * load[light]:.0f} % of torque or current in the lightest posture"
-            if (inside > 0).any()
-            else f"in none of {len(tried)} postures within the joints' ranges is the tip inside tip_x and tip_y"
-        )
+        why = f"in none of {len(tried)} postures within the joints' ranges is the tip inside tip_x and tip_y"
+        if (inside > 0).any():
+            lightest = 100 * HELD * load[inside > 0].min()
+            why = f"gravity alone takes {lightest:.0f} % of torque or current in the lightest posture"
         raise PlantError(f"the limits admit no motion: {why}; widen them.")
     away = np.linalg.norm((tried - center) / half, axis=1)
-    room = np.minimum(inside, 0.3 * inside[able].max()) if np.isfinite(limits.tip).any() else np.zeros(len(tried))
+    room = np.zeros(len(tried))
+    if np.isfinite(limits.tip).any():
+        room = np.minimum(inside, 0.3 * inside[able].max())
     return tried[min(able, key=lambda k: (-room[k], away[k]))]

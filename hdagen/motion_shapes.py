@@ -25,7 +25,18 @@ class Motion:
 
 
 def motions(arm: Arm, joint: int, duration: float, period: float) -> list[Motion]:
-    """The motions that are tried, for an effect of ``joint`` (0: of the whole arm)."""
+    """List the motions that are tried.
+
+    Args:
+        arm: The arm.
+        joint: Number of the joint whose effect is asked for, from 1; 0: the whole arm.
+        duration: Length of a motion, s.
+        period: Time from row to row, s.
+
+    Returns:
+        The motions.
+
+    """
     count = round(duration / period)
     t: Array = np.arange(count, dtype=float) * period
     ends = smooth_step(np.minimum(t, t[-1] - t) / min(0.5, duration / 8))[0][:, None]
@@ -69,7 +80,9 @@ def _multisine(t: Array, n: int, base: float, low: float, high: float) -> Array:
     harmonics = np.unique(np.round(np.geomspace(max(low * base, 1), high * base, 12 * n)).astype(int))
     shapes = []
     for j in range(n):
-        own = harmonics[j::n] if len(harmonics) >= n else harmonics
+        own = harmonics
+        if len(harmonics) >= n:
+            own = harmonics[j::n]
         size = 1.0 / own
         phase = -np.pi * np.arange(len(own)) * (np.arange(len(own)) + 1 + j) / len(own)
         wave = np.sin(2 * np.pi * np.outer(t, own) / base + phase) @ size
@@ -86,10 +99,12 @@ def _ramps(t: Array, turns: Sequence[float], j: int) -> Array:
 
 def _speeds(t: Array, j: int) -> Array:
     """To and fro, each time faster: the speeds of the ramps as 1 : 2 : 4 : 8 : 16."""
-    lasting = np.repeat([1.0, 0.5, 0.25, 0.125, 0.0625], 2)
+    durations = np.repeat([1.0, 0.5, 0.25, 0.125, 0.0625], 2)
     corners = np.array([-1.0, 1.0] * 5 + [-1.0]) * (-1) ** j
     lead = 0.1
-    when = np.concatenate([[0.0], lead + np.concatenate([[0.0], np.cumsum(lasting)]), [lead + lasting.sum() + lead]])
+    when = np.concatenate(
+        [[0.0], lead + np.concatenate([[0.0], np.cumsum(durations)]), [lead + durations.sum() + lead]]
+    )
     return _rounded(np.interp(t, when / when[-1] * t[-1], np.concatenate([[0.0], corners, [0.0]])))
 
 

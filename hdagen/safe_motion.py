@@ -39,8 +39,20 @@ class Kept:
 
 
 def drawn(arm: Arm, limits: Limits, motion: Motion, center: Array, period: float, scale: float) -> Reference:
-    """The reference: the shape as large as range, speed, and what inertia asks of torque and current let it, times
-    ``scale``."""
+    """Scale a shape to the largest reference that range, speed, and the inertia's torque and current admit.
+
+    Args:
+        arm: The arm.
+        limits: Its limits.
+        motion: The shape.
+        center: The middle posture, (n,) rad or m.
+        period: Time from row to row, s.
+        scale: Factor on the largest size.
+
+    Returns:
+        The reference of the joints.
+
+    """
     v, ratio = np.gradient(motion.shape, period, axis=0), [arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1)]
     a = np.gradient(v, period, axis=0)
     mass = np.diag(arm.evaluate("mass_matrix", q=center)["M"].reshape(arm.n, arm.n))
@@ -56,29 +68,51 @@ def drawn(arm: Arm, limits: Limits, motion: Motion, center: Array, period: float
 
 
 def shares(arm: Arm, limits: Limits, run: Simulation, current: Array) -> dict[str, float]:
-    """The largest share of each limit, by name, that a run reaches; of a range the distance from its middle."""
-    at = {
-        what: run.state[:, [arm.index(f"joint_{what}_{j}") for j in range(1, arm.n + 1)]]
-        for what in ("position", "velocity")
-    }
+    """Compute the largest share of each limit that a run reaches.
+
+    Args:
+        arm: The arm that ran.
+        limits: Its limits.
+        run: The run.
+        current: Current, or the motors' own unit of input, (T, n).
+
+    Returns:
+        Shares by name of the limit; of a range, the distance from its middle. Where the controller or the simulation
+        failed, "controller" is infinite.
+
+    """
+    if (run.status < 0).any() or not np.isfinite(run.state).all():
+        return {"controller": np.inf}
+    position = run.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
+    velocity = run.state[:, [arm.index(f"joint_velocity_{j}") for j in range(1, arm.n + 1)]]
     half = np.diff(limits.position)[:, 0] / 2
     reached = {
-        "position": np.abs(at["position"] - limits.position.mean(1)) / half,
-        "speed": np.abs(at["velocity"]) / limits.speed,
+        "position": np.abs(position - limits.position.mean(1)) / half,
+        "speed": np.abs(velocity) / limits.speed,
         "torque": np.abs(run.joint_torque) / limits.torque,
         "current": np.abs(current) / limits.current,
     }
-    found = {f"{kind}_{j + 1}": float(x[:, j].max()) for kind, x in reached.items() for j in range(arm.n)}
+    found = {f"{kind}_{j + 1}": float(share[:, j].max()) for kind, share in reached.items() for j in range(arm.n)}
     for axis, (low, high) in zip("xy", limits.tip, strict=True):
         if np.isfinite([low, high]).all():
             tip = run.tip[:, "xy".index(axis)]
             found[f"tip_{axis}"] = float(np.abs(tip - (low + high) / 2).max() / ((high - low) / 2))
-    return found if (run.status >= 0).all() and np.isfinite(run.state).all() else {"controller": np.inf}
+    return found
 
 
 def follow(arm: Arm, plant: Arm, reference: Reference, limits: Limits) -> tuple[Simulation | None, dict[str, float]]:
-    """``plant`` driven along the reference by the position controller of ``arm``, with the robot file's sensors, and
-    the shares of the limits that it reaches; None where the simulation leaves all bounds."""
+    """Drive an arm along a reference by the position controller, with the robot file's sensors.
+
+    Args:
+        arm: The controller's arm.
+        plant: The arm that moves.
+        reference: The reference of the joints.
+        limits: The limits.
+
+    Returns:
+        The run and the shares of the limits that it reaches; None in place of a run that leaves all bounds.
+
+    """
     constants = torque_per_input(arm)
     most = constants * limits.current
     rates = [joint["limits"]["motor_torque_rate"] for joint in arm.robot["joints"]]
@@ -87,7 +121,7 @@ def follow(arm: Arm, plant: Arm, reference: Reference, limits: Limits) -> tuple[
     controller = Controller(arm, "position", guard)
     try:
         result = run(plant, controller, reference, sensors=_sensors(arm), start=reference.position[0])
-    except PlantError:  # the reference fits and the controller stands: what is left is a state that is not finite
+    except PlantError:  # the reference fits and the controller is configured, so a state is not finite
         return None, {"simulation": np.inf}
     return result, shares(plant, limits, result, result.torque / constants)
 
@@ -106,7 +140,16 @@ def _sensors(arm: Arm) -> Sensors:
 
 
 def seen(arm: Arm, position: Array) -> Array:
-    """By how many steps of its finer encoder each joint moves along ``position`` (T, n)."""
+    """Count by how many steps of its finer encoder each joint moves.
+
+    Args:
+        arm: The arm, with the robot file's sensors.
+        position: Positions of the joints, (T, n) rad or m.
+
+    Returns:
+        Steps of each joint, (n,).
+
+    """
     sensors, ratio = _sensors(arm), [abs(arm.parameters[f"ratio_{j}"]) for j in range(1, arm.n + 1)]
     assert sensors.motor_resolution and sensors.joint_resolution
     step = np.minimum(np.divide(sensors.motor_resolution, ratio), sensors.joint_resolution)
@@ -114,8 +157,20 @@ def seen(arm: Arm, position: Array) -> Array:
 
 
 def keep(arm: Arm, others: Sequence[Arm], limits: Limits, motion: Motion, center: Array, period: float) -> Kept | str:
-    """The motion, made smaller until the nominal arm keeps the limits with a margin and ``others`` (arms with an
-    effect) keep them; else why not."""
+    """Make a motion smaller until every arm keeps the limits.
+
+    Args:
+        arm: The nominal arm, which keeps them with a margin.
+        others: Arms with an effect.
+        limits: The limits.
+        motion: The shape.
+        center: The middle posture, (n,) rad or m.
+        period: Time from row to row, s.
+
+    Returns:
+        The motion with its run; a sentence where it was made too small.
+
+    """
     scale, why = 1.0, ""
     for _ in range(TRIES):
         reference = drawn(arm, limits, motion, center, period, scale)
@@ -136,7 +191,16 @@ def keep(arm: Arm, others: Sequence[Arm], limits: Limits, motion: Motion, center
 
 
 def with_size(arm: Arm, sizes: Mapping[str, float]) -> Arm:
-    """A second arm of the same build with parameters changed, each kept within its bounds."""
+    """Copy an arm with some parameters changed.
+
+    Args:
+        arm: The arm.
+        sizes: Parameters by name, SI; each is kept within its bounds.
+
+    Returns:
+        A second arm of the same build.
+
+    """
     other = arm.at(arm.p)
     described = other.parameters.described
     other.parameters.update({k: min(max(v, described[k].low), described[k].high) for k, v in sizes.items()})
