@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hdagen import verdict
+from hdagen.diagnosis_file import read_content
 from hdagen.input_file import InputFileError, read_bytes
 from hdagen.opening import mended
 from hdagen.plant import Arm, PlantError, load
@@ -75,7 +76,7 @@ def adopt(
         label = Path(out)
         _writable(label, force)
     stated = verdict.read(diagnosis)
-    content = verdict.read_content(Path(diagnosis))
+    content = read_content(Path(diagnosis))
     arm = verdict.with_effects(robot, profile, stated)
     wanted, notes = verdict.applied(arm, stated)
     file = RobotFile(raw, arm)

@@ -170,9 +170,9 @@ def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
 
 def _fleet(options: argparse.Namespace) -> int:
     """Diagnose all machines, write table and page; those finished before an interrupt are written, too."""
-    from hdagen import fleet, fleet_page
+    from hdagen import fleet, fleet_file, fleet_page
 
-    machines = fleet.read(options.fleet)
+    machines = fleet_file.read(options.fleet)
     with _folder(options.out or Path(f"diagnosis-{options.fleet.stem}")) as out:
         jobs = options.jobs or max((os.cpu_count() or 1) // THREADS, 1)
         begun = time.monotonic()

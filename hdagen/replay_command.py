@@ -94,12 +94,13 @@ def run(options: argparse.Namespace) -> int:
     from hdagen import verdict
     from hdagen.closed_loop import closed_loop, read_controller
     from hdagen.diagnosis.held_out import count_rows
+    from hdagen.diagnosis_file import read_content
     from hdagen.log import LogError, read, write
     from hdagen.replay import WINDOW, check, replay
 
     _check(options)
     stated = options.with_ and verdict.read(options.with_)
-    counted = options.rows_of and verdict.read_content(options.rows_of)
+    counted = options.rows_of and read_content(options.rows_of)
     laws = options.closed_loop and read_controller(options.closed_loop)
     measured = read(
         options.log, options.columns, holes=counted is not None

@@ -4,16 +4,15 @@ them."""
 from __future__ import annotations
 
 import hashlib
-import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from hdagen.diagnosis_file import is_finite, read_content
 from hdagen.identity import identity
-from hdagen.input_file import InputFileError, read_json
-from hdagen.names import printable, shown, shown_path
+from hdagen.names import shown, shown_path
 from hdagen.plant import Arm, PlantError, load
 
 SCHEMA = 1
@@ -23,7 +22,6 @@ REACH = 3.0  # standard deviations of its tolerance that a base parameter may mo
 LEVEL = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
 COMPLIANCE = "missing_compliance"  # the effect that changes what a drive is made of
 _ROUNDING = 1e-6  # of a range, by which a number may lie beyond its ends without a word
-LARGEST = 10_000_000  # bytes of a file
 _MOST = 200  # effects of a verdict
 _EFFECT = re.compile(r"([a-z][a-z0-9_]{0,47})@(0|[1-9][0-9]?)")
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
@@ -295,53 +293,6 @@ def _absent(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
     )
 
 
-def read_content(path: Path) -> Mapping[str, Any]:
-    """Read the content of a diagnosis.json.
-
-    Args:
-        path: The file.
-
-    Returns:
-        An object whose numbers are all finite.
-
-    Raises:
-        PlantError: The file cannot be read, or a number in it is not finite.
-
-    """
-    try:
-        content = read_json(path, LARGEST, "name a diagnosis.json that hdagen diagnose wrote")
-    except InputFileError as error:
-        raise PlantError(error) from None
-    if not isinstance(content, dict):
-        raise PlantError(
-            f"{shown_path(path)}: found {shown(content)}, possible is a JSON object; name a diagnosis.json."
-        )
-    if (where := next(find_infinite(content), None)) is not None:
-        raise PlantError(f"{shown_path(path)}{printable(where):.200}")
-    return content
-
-
-def find_infinite(content: Mapping[str, Any]) -> Iterator[str]:
-    """Find numbers that are not finite.
-
-    Args:
-        content: Content of a JSON file.
-
-    Yields:
-        A sentence on the place of each.
-
-    """
-    left: list[tuple[str, Any]] = [("", content)]
-    while left:
-        where, value = left.pop()
-        if isinstance(value, Mapping):
-            left += [(f"{where}, {name}", entry) for name, entry in value.items()]
-        elif isinstance(value, list):
-            left += [(f"{where}[{k}]", entry) for k, entry in enumerate(value)]
-        elif isinstance(value, int | float) and not _finite(value):
-            yield f"{where}: found {shown(value)}, possible is a finite number; diagnose again."
-
-
 def _causes(content: Mapping[str, Any], source: str, problems: list[str]) -> dict[tuple[str, int], Any]:
     """Parameters of every cause by effect and joint."""
     causes = content.get("causes", [])
@@ -372,7 +323,7 @@ def _numbers(values: Any, where: str, suffix: str, problems: list[str]) -> dict[
             value = entry.get("value")
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             problems.append(f"{where}: {shown(name)} is no name of a parameter.")
-        elif isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value):
+        elif isinstance(value, bool) or not isinstance(value, int | float) or not is_finite(value):
             problems.append(f"{where}, {name}: found {shown(value)}, possible is a finite number; diagnose again.")
         else:
             found[name + suffix] = float(value)
@@ -393,11 +344,4 @@ def _widths(parameters: Mapping[str, Any]) -> dict[str, tuple[float, float | Non
 
 
 def _is_width(value: Any) -> TypeGuard[float]:
-    return not isinstance(value, bool) and isinstance(value, int | float) and _finite(value) and value >= 0
-
-
-def _finite(value: float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # a whole number beyond the doubles
-        return False
+    return not isinstance(value, bool) and isinstance(value, int | float) and is_finite(value) and value >= 0
