@@ -29,7 +29,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser with every command's own."""
+    """Build the parser, with the arguments of every command."""
     top = Parser(
         prog="hdagen",
         description="Robot arms with harmonic drives: a compiled model that simulates, controls and replays logs.",
@@ -45,13 +45,21 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns its exit code. What goes wrong becomes a sentence."""
+    """Run a command; every error becomes a sentence.
+
+    Args:
+        arguments: Arguments of the command line; None: those of the process.
+
+    Returns:
+        The exit code.
+
+    """
     try:
         try:
             return _run(arguments)
         finally:
             if sys.stdout is not None:
-                sys.stdout.flush()  # here, where a full device or a closed pipe can still be told
+                sys.stdout.flush()  # here, where an error of a full device or a closed pipe can still be reported
     except KeyboardInterrupt:
         return _ended(INTERRUPTED, "interrupted; what was finished is whole, nothing is half-written.")
     except BrokenPipeError:
@@ -63,16 +71,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if os.environ.get(TRACEBACK):
             raise
-        what = (str(error).splitlines() or [""])[0][:300]
+        first = (str(error).splitlines() or [""])[0][:300]
         return _ended(
             UNFORESEEN,
-            f"hdagen met an error that it did not foresee ({type(error).__name__}: {what}); {TRACEBACK}=1 in the "
+            f"hdagen met an error that it did not foresee ({type(error).__name__}: {first}); {TRACEBACK}=1 in the "
             "environment shows where, which a report of it needs.",
         )
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    """Run a command; what it foresees goes to standard error."""
+    """Run a command; errors that it foresees go to standard error."""
     options = parser().parse_args(arguments)
     from hdagen.log import ColumnsError, LogError
     from hdagen.plant import PlantError
@@ -84,12 +92,16 @@ def _run(arguments: Sequence[str] | None) -> int:
         return USAGE
     except LogError as error:
         print(error, file=sys.stderr)
-        return USAGE if isinstance(error, ColumnsError) else UNUSABLE
+        if isinstance(error, ColumnsError):
+            return USAGE
+        return UNUSABLE
 
 
 def _told(error: OSError) -> str:
-    """What the system refused, and what to do."""
-    place = "standard output" if error.filename is None else str(error.filename)
+    """One sentence on an error of the system, with a cure."""
+    place = "standard output"
+    if error.filename is not None:
+        place = str(error.filename)
     why = error.strerror or str(error)
     if error.errno in (errno.EMFILE, errno.ENFILE):
         return f"too many files are open ({why}); allow more by `ulimit -n`, or close other programs."
@@ -101,8 +113,8 @@ def _told(error: OSError) -> str:
 
 
 def _ended(code: int, sentence: str) -> int:
-    """Say why a command ends. What standard output does not take is thrown away, so that the interpreter, which writes
-    it once more at its end, finds nothing to complain of."""
+    """Say why a command ends. Text that standard output does not take is thrown away: the interpreter would write it
+    once more at its end, and complain."""
     with suppress(OSError, ValueError):
         if sentence:
             from hdagen.names import printable

@@ -1,9 +1,9 @@
 """Adopt: the verdict of a diagnosis put into the robot file, whose comments and layout stay as they are.
 
-What is written is what `replay --with` uses, by the same rule (`hdagen.verdict`): base parameters no further than three
-tolerances from where they were and not where the log said nothing of them, the effects of the verdict as [[effect]]
-tables. Where the corrected model asks for a smaller step or a wider smoothing of friction, these are written, too. The
-new file is built before it is put in its place, and a model whose parameters are not the ones meant is refused.
+The file gets the parameters that `replay --with` uses, by the same rule (`hdagen.verdict`): base parameters move by at
+most three tolerances, and not where the log said nothing of them; the effects of the verdict become [[effect]] tables.
+Where the corrected model asks for a smaller step or a wider smoothing of friction, these are written, too. The new file
+is built before it is put in its place, and a model with other parameters than those is refused.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hdagen import verdict
+from hdagen.diagnosis_file import read_content
 from hdagen.input_file import InputFileError, read_bytes
 from hdagen.opening import mended
 from hdagen.plant import Arm, PlantError, load
@@ -40,8 +41,8 @@ class Change:
 
 @dataclass(frozen=True)
 class Adopted:
-    """A robot file with a verdict in it: its ``text``, what changed, what a reader must know, in sentences, and the
-    lines that differ from the file as it was, as `diff -u` has them."""
+    """A robot file with a verdict in it: its ``text``, the changed numbers, notes for the reader, and the lines that
+    differ from the file as it was, as `diff -u` has them."""
 
     text: str
     changes: tuple[Change, ...]
@@ -52,23 +53,34 @@ class Adopted:
 def adopt(
     diagnosis: str | Path, robot: str | Path, out: str | Path | None, force: bool = False, profile: str = "portable"
 ) -> Adopted:
-    """Write ``robot`` (a robot.toml) with the verdict of ``diagnosis`` (a diagnosis.json) in it to ``out``; None: only
-    say what would be written.
+    """Write a robot file with the verdict of a diagnosis in it.
 
-    A file at ``out`` is kept unless ``force``. Raises PlantError: a diagnosis of another robot (`hdagen.identity`), of
-    an unknown schema or with numbers that are none, an ``out`` that cannot be written.
+    Args:
+        diagnosis: A diagnosis.json.
+        robot: The robot.toml that was diagnosed.
+        out: Where the new file goes; None: nothing is written.
+        force: Whether a file that is there may be replaced.
+        profile: Profile of the builds that are made, "portable" or "native".
+
+    Returns:
+        The new text, and its changes.
+
+    Raises:
+        PlantError: The diagnosis is of another robot (`hdagen.identity`), of an unknown schema or has a number that is
+            not finite; no model can be built from the corrected file; or ``out`` cannot be written.
+
     """
-    robot = Path(robot)
+    robot = label = Path(robot)
     raw = _read(robot)
     if out is not None:
-        _writable(Path(out), force)
+        label = Path(out)
+        _writable(label, force)
     stated = verdict.read(diagnosis)
-    content = verdict.read_content(Path(diagnosis))
+    content = read_content(Path(diagnosis))
     arm = verdict.with_effects(robot, profile, stated)
     wanted, notes = verdict.applied(arm, stated)
     file = RobotFile(raw, arm)
     changes = _changes(file, arm, wanted, stated, _spreads(content))
-    label = Path(out) if out is not None else robot
     with tempfile.TemporaryDirectory() as folder:
         candidate = Path(folder) / "robot.toml"
         candidate.write_bytes(file.text())
@@ -81,7 +93,7 @@ def adopt(
             ) from None
     _agrees(found, label, wanted)
     if out is not None:
-        _write(Path(out), file.text())
+        _write(label, file.text())
     notes = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
     notes += [
         f"{change.where}: {change.before:.6g} {change.unit} does not carry the corrected model, {change.after:.6g} "
@@ -97,8 +109,8 @@ def adopt(
 
 
 def _built(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Arm, list[Change]]:
-    """The model of ``candidate``, which holds ``file``; and what had to be changed in both, as the step or the
-    smoothing of friction of the robot file of ``arm`` does not carry it. Raises PlantError."""
+    """The model of ``candidate``, which holds ``file``; and the changes to the step and the smoothing of friction that
+    both need where those of ``arm`` do not carry the model. Raises PlantError."""
     try:
         return load(candidate, profile), []
     except PlantError:
@@ -139,7 +151,7 @@ def _read(robot: Path) -> bytes:
 
 
 def _writable(out: Path, force: bool) -> None:
-    """Refuses a place that is none, or is taken."""
+    """Refuse a place that is no file in a folder, or is taken."""
     if out.suffix != ".toml":
         raise PlantError(f"--out {out}: found a name ending in {out.suffix!r}, possible is .toml; name such a file.")
     if not out.absolute().parent.is_dir():
@@ -167,30 +179,34 @@ def _changes(
     changes = []
     own = {name: effect for effect in stated.effects for name in effect.parameters}
     for name, described in arm.parameters.described.items():
-        effect, after = own.get(name), wanted.parameters[name]
-        if after == described.nominal and effect is None:
+        after, owner, entry = wanted.parameters[name], None, None
+        if effect := own.get(name):
+            owner, entry = effect.name, spreads[effect.name, effect.joint].get(name.removesuffix(f"_{effect.joint}"))
+        elif after == described.nominal:
             continue
-        place = file.place(name, effect.name if effect else None)
-        held = file.holds(place)
-        if held and after == described.nominal:
+        place, before = file.place(name, owner), None
+        if file.holds(place):
+            before = described.nominal
+        if after == before:
             continue
-        entry = spreads[effect.name, effect.joint].get(name.removesuffix(f"_{effect.joint}")) if effect else None
         file.put(place, after, described.unit, _share(entry, after))
-        changes.append(Change(str(place), described.nominal if held else None, after, described.unit))
+        changes.append(Change(str(place), before, after, described.unit))
     file.settle(wanted)
     return changes
 
 
 def _share(entry: Any, value: float) -> float:
     """Standard deviation as a share of the value, 0 where the diagnosis gives none."""
-    std = entry.get("std") if isinstance(entry, Mapping) else None
+    if not isinstance(entry, Mapping):
+        return 0.0
+    std = entry.get("std")
     if isinstance(std, bool) or not isinstance(std, int | float) or not math.isfinite(std) or std < 0 or not value:
         return 0.0
     return float(std / abs(value))
 
 
 def _agrees(found: Arm, out: Path, wanted: Arm) -> None:
-    """Holds the parameters of the new file against those meant. Raises PlantError."""
+    """Compare the parameters of the new file with the wanted ones. Raises PlantError."""
     own = {name: value for name, value in wanted.parameters.items() if not _derived(name, found)}
     differ = [
         f"{name} is {found.parameters[name]:.9g} and should be {value:.9g}"
@@ -208,9 +224,8 @@ def _agrees(found: Arm, out: Path, wanted: Arm) -> None:
 
 
 def _derived(name: str, found: Arm) -> bool:
-    """Whether a parameter follows from others: the smoothing of friction and the step of memories, which are of the
-    integration, and the springs at which a drive was built that the file calls rigid, of which the stated compliance
-    says all that counts."""
+    """Whether a parameter follows from others: the smoothing of friction and the step of effects with a state, which
+    belong to the integration, and the springs of a drive that the file calls rigid, which its compliance replaces."""
     key, _, joint = name.rpartition("_")
     given = joint.isdigit() and found.robot["joints"][int(joint) - 1]["drive"]["compliant"]
     return name == "memory_step" or key == "friction_smoothing" or (given and key in SPRINGS)

@@ -22,7 +22,12 @@ DONE = 0
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "adopt",
         help="write the verdict of a diagnosis into the robot file",
@@ -42,11 +47,22 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Adopt and print."""
+    """Adopt and print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    """
     from hdagen.adopt import adopt
 
     adopted = adopt(options.diagnosis, options.robot, options.out, options.force, options.profile)
-    (_print_json if options.json else _print)(options, adopted)
+    if options.json:
+        _print_json(options, adopted)
+    else:
+        _print(options, adopted)
     return DONE
 
 
@@ -57,7 +73,7 @@ def _print_json(options: argparse.Namespace, adopted: Adopted) -> None:
         "changes": [asdict(change) for change in adopted.changes],
         "notes": list(adopted.notes),
         "difference": list(adopted.difference),
-        "out": str(options.out) if options.out else None,
+        "out": options.out and str(options.out),
     }
     print(json.dumps(said, indent=1))
 
@@ -70,10 +86,14 @@ def _print(options: argparse.Namespace, adopted: Adopted) -> None:
     console = Console(highlight=False)
     if adopted.changes:
         table = Table(title=escape(f"{options.robot} with {options.diagnosis}"), title_justify="left")
-        for heading in ("where", "before", "after", "unit"):
-            table.add_column(heading, justify="right" if heading in ("before", "after") else "left")
+        table.add_column("where")
+        table.add_column("before", justify="right")
+        table.add_column("after", justify="right")
+        table.add_column("unit")
         for change in adopted.changes:
-            before = "" if change.before is None else f"{change.before:.6g}"
+            before = ""
+            if change.before is not None:
+                before = f"{change.before:.6g}"
             table.add_row(escape(change.where), before, f"{change.after:.6g}", change.unit)
         console.print(table)
     for note in adopted.notes:

@@ -53,7 +53,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar, what was reached, its spread (10 to 90 %) and whether it is met; ``met`` None: reported, not judged."""
+    """A bar, the reached figure, its spread (10 to 90 %) and whether it is met; ``met`` None: reported, not judged."""
 
     name: str
     bar: float
@@ -80,8 +80,21 @@ class Bench:
 
 
 def bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> Bench:
-    """Measure; ``stage`` is told what begins. Of another robot than `ROBOT` the times alone: the bars are of that one.
-    Raises PlantError where a build fails."""
+    """Measure times, sizes and errors, and judge them by the bars.
+
+    Args:
+        rounds: Rounds over which times are taken.
+        stage: Hears the name of each measurement as it begins.
+        robot: A preset or the path of a robot.toml. Of another robot than `ROBOT`, whose the bars are, only times are
+            measured.
+
+    Returns:
+        The measurements.
+
+    Raises:
+        PlantError: A build fails.
+
+    """
     machine = describe_machine()  # how busy it was before
     stage("building")
     native = load(robot, profile="native")
@@ -107,12 +120,12 @@ def bench(rounds: int, stage: Callable[[str], None], robot: str = ROBOT) -> Benc
 
 
 def _raced(robot: str, rounds: int) -> dict[str, Any]:
-    """What `python -m gen time` prints: function -> contestant -> "row" and "single"."""
+    """The output of `python -m gen time`: function -> contestant -> "row" and "single"."""
     return dict(json.loads(_gen("time", "--rounds", str(rounds), f"--out={find_builds()}", "--", robot)))
 
 
 def _gen(*arguments: str) -> str:
-    """What a child process of gen prints. Raises PlantError with its words."""
+    """The output of a child process of gen. Raises PlantError with its words."""
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-P", "-m", "gen", *arguments]
     environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
@@ -124,6 +137,7 @@ def _gen(*arguments: str) -> str:
 
 
 def _raced_timing(name: str, contest: dict[str, Any]) -> Timing:
+    """Times of one function and of its rivals."""
     rows = {who: float(np.median(times["row"])) for who, times in contest.items()}
     median, p99, p999, largest = contest["native"]["single"]
     return Timing(name, rows["native"], median, p99, p999, largest, rows)
@@ -136,13 +150,15 @@ def _timing(name: str, values: Sequence[float] | Array) -> Timing:
 
 
 def _judged(reached: dict[str, Array], width: int) -> tuple[Bar, ...]:
-    """Every bar of bars.toml with what was reached."""
+    """Every bar of bars.toml with the reached figure."""
     table = tomllib.loads((resources.files("hdagen") / "bars.toml").read_text())
     bars = []
     for name, entry in table.items():
         values = np.atleast_1d(reached[name])
         value = float(np.median(values))
-        met: bool | None = value >= entry["bar"] if entry["bound"] == "least" else value <= entry["bar"]
+        met: bool | None = value <= entry["bar"]
+        if entry["bound"] == "least":
+            met = value >= entry["bar"]
         if entry.get("width", width) != width:
             met = None
         low, high = np.percentile(values, [10, 90])
@@ -247,7 +263,7 @@ def _tick_loop(arm: Arm, law: str) -> Callable[[], None]:
 
 def _accuracy(rounds: int) -> dict[str, Array]:
     """Largest error of a link angle over 3 s at 0.5 ms against a step forty times finer, friction smoothed at 1 rad/s;
-    and what bristles cost, stated in the robot file: what is only added to a model is slowed to its step."""
+    and the cost of bristles. The robot file states them: those only added to a model are slowed to its step."""
     plain = load("paper_table1", profile="native")
     with tempfile.TemporaryDirectory() as folder:
         bristles = load(_bristly(Path(folder) / "bristles.toml", plain.n), profile="native")

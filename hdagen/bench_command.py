@@ -21,7 +21,12 @@ ratios hold within a run; on a machine that does other things the spread says so
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "bench",
         help="time every compiled function and loop beside CasADi, against the bars",
@@ -41,7 +46,15 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Measure, print, judge."""
+    """Measure, print, judge.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code: 1 where a bar is missed.
+
+    """
     from rich.console import Console
 
     from hdagen.bench import bench
@@ -51,14 +64,16 @@ def run(options: argparse.Namespace) -> int:
         raise PlantError(f"--mpc: its closed loop and its bars are of {ROBOT}; leave {options.robot} out.")
     if options.mpc:
         return _predictive(options)
-    console = Console(stderr=True)
-    with console.status("starting") as status:
-        found = bench(30 if options.quick else 300, status.update, options.robot)
+    rounds = 300
+    if options.quick:
+        rounds = 30
+    with Console(stderr=True).status("starting") as status:
+        found = bench(rounds, status.update, options.robot)
     if options.json:
         print(json.dumps(asdict(found), indent=1))
     else:
         _print(found)
-    return 1 if any(bar.met is False for bar in found.bars) else 0
+    return int(any(bar.met is False for bar in found.bars))
 
 
 def _predictive(options: argparse.Namespace) -> int:
@@ -69,20 +84,24 @@ def _predictive(options: argparse.Namespace) -> int:
     from hdagen.mpc.bars import RUNS, bench, lines
 
     machine = describe_machine()
-    runs = RUNS if options.runs is None else max(0, options.runs)
+    runs = RUNS
+    if options.runs is not None:
+        runs = max(0, options.runs)
     with Console(stderr=True).status("starting") as status:
         found = bench("native", options.quick, runs, status.update)
     if options.json:
         print(json.dumps({"machine": machine, **asdict(found)}, indent=1))
     else:
         print("\n".join(lines(found)))
-    return 1 if any(not bar.met for bar in found.bars) else 0
+    return int(any(not bar.met for bar in found.bars))
 
 
 def _print(found: Bench) -> None:
     from rich.console import Console
 
-    console = Console(width=None if sys.stdout.isatty() else 130)  # a file has no width that a table must keep to
+    console = Console()
+    if not sys.stdout.isatty():  # a file has no width that a table must keep to
+        console = Console(width=130)
     console.print(", ".join(f"{key}: {value}" for key, value in found.machine.items()))
     console.print(_times(found))
     if found.bars:
@@ -90,8 +109,12 @@ def _print(found: Bench) -> None:
     if found.noisy:
         console.print("The ratios vary much: this machine does other things; on an idle one they are steadier.")
     missed = [bar.name for bar in found.bars if bar.met is False]
-    met = "every bar is met" if found.bars else f"bars are of {ROBOT} alone"
-    console.print(f"missed: {', '.join(missed)}" if missed else met)
+    if missed:
+        console.print(f"missed: {', '.join(missed)}")
+    elif found.bars:
+        console.print("every bar is met")
+    else:
+        console.print(f"bars are of {ROBOT} alone")
 
 
 def _times(found: Bench) -> Table:
@@ -103,9 +126,10 @@ def _times(found: Bench) -> Table:
     for name in ("in a row", "portable", "CasADi C", "interpreter", "median", "p99", "p99.9", "largest", "share"):
         table.add_column(name, justify="right")
     for t in found.timings:
-        others = [t.against.get(who) for who in ("portable", "casadi_c", "interpreter")]
-        numbers = (t.row, *others, t.median, t.p99, t.p999, t.largest)
-        table.add_row(t.name, *("" if v is None else f"{v:.0f}" for v in numbers), f"{t.share:.3%}")
+        against = {who: f"{ns:.0f}" for who, ns in t.against.items()}
+        others = [against.get(who, "") for who in ("portable", "casadi_c", "interpreter")]
+        single = [f"{ns:.0f}" for ns in (t.median, t.p99, t.p999, t.largest)]
+        table.add_row(t.name, f"{t.row:.0f}", *others, *single, f"{t.share:.3%}")
     return table
 
 
@@ -116,9 +140,19 @@ def _bars(bars: tuple[Bar, ...]) -> Table:
     for name in ("bar", "asked", "reached", "range", ""):
         table.add_column(name, no_wrap=True)
     for bar in bars:
-        asked = f"{'≥' if bar.bound == 'least' else '≤'} {bar.bar:g} {bar.unit}"
+        sign = {"least": "≥", "most": "≤"}[bar.bound]
         low, high = bar.spread
-        over = bar.reached / bar.bar if bar.bound == "most" else bar.bar / bar.reached
-        verdict = "not judged here" if bar.met is None else "met" if bar.met else f"missed by {over - 1:.0%}"
-        table.add_row(bar.name, asked, f"{bar.reached:.3g}", f"{low:.3g} to {high:.3g}", verdict)
+        reached = (f"{bar.reached:.3g}", f"{low:.3g} to {high:.3g}")
+        table.add_row(bar.name, f"{sign} {bar.bar:g} {bar.unit}", *reached, _judgement(bar))
     return table
+
+
+def _judgement(bar: Bar) -> str:
+    if bar.met is None:
+        return "not judged here"
+    if bar.met:
+        return "met"
+    over = bar.bar / bar.reached
+    if bar.bound == "most":
+        over = bar.reached / bar.bar
+    return f"missed by {over - 1:.0%}"

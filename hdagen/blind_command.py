@@ -25,7 +25,12 @@ LEAST_SECONDS, MOST_SECONDS = 2.0, 120.0  # of a log: holds and pushes need room
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     from hdagen.blind import KINDS
 
     p = commands.add_parser(
@@ -54,7 +59,15 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check, write, print."""
+    """Check the diagnosis on sealed realities, write, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code: 1 where a bar is missed.
+
+    """
     from hdagen.blind import SECONDS
 
     if options.seconds is None:
@@ -74,8 +87,10 @@ def run(options: argparse.Namespace) -> int:
             from hdagen.blind.write import write
 
             folder = write(options.write, options.kind, options.cases, seed, options.jobs, options.seconds, _progress())
-            where = {"written": str(folder), "labels": "labels.json", "seed": seed}
-            print(json.dumps(where) if options.json else f"written: {folder}, with labels.json; seed {seed}")
+            if options.json:
+                print(json.dumps({"written": str(folder), "labels": "labels.json", "seed": seed}))
+            else:
+                print(f"written: {folder}, with labels.json; seed {seed}")
             return DONE
         return _check(options, seed)
     except (BlindError, CalibrationError, ChildError, SealError) as error:
@@ -108,14 +123,26 @@ def _conflicts(options: argparse.Namespace) -> list[str]:
 def _seed(given: str | None) -> str:
     if given is None:
         return secrets.token_hex(16)
-    return sys.stdin.readline().strip() if given == "-" else given
+    if given == "-":
+        return sys.stdin.readline().strip()
+    return given
 
 
 def _progress() -> Callable[[str], None]:
-    """Says on standard error where it stands: on one line of a terminal, elsewhere a line each."""
-    if not sys.stderr.isatty():
-        return lambda words: print(words, file=sys.stderr, flush=True)
-    return lambda words: print(f"\r\033[K{words}", end="" if " left" in words else "\n", file=sys.stderr, flush=True)
+    """A function that writes progress to standard error: on one line of a terminal, elsewhere a line each."""
+
+    def write_line(words: str) -> None:
+        print(words, file=sys.stderr, flush=True)
+
+    def rewrite_line(words: str) -> None:
+        end = "\n"
+        if " left" in words:
+            end = ""
+        print(f"\r\033[K{words}", end=end, file=sys.stderr, flush=True)
+
+    if sys.stderr.isatty():
+        return rewrite_line
+    return write_line
 
 
 def _check(options: argparse.Namespace, seed: str) -> int:
@@ -147,7 +174,9 @@ def _check(options: argparse.Namespace, seed: str) -> int:
         print(written(found), end="")
     else:
         _print(found)
-    return DONE if all(met for _, _, met in found.bars) else BAR_MISSED
+    if all(met for _, _, met in found.bars):
+        return DONE
+    return BAR_MISSED
 
 
 def _print(found: Report) -> None:
@@ -157,17 +186,22 @@ def _print(found: Report) -> None:
     from hdagen.blind.words import WORDS, said
 
     console = Console(highlight=False)
-    bars = {bar.figure: (bar, met) for bar, _, met in found.bars}
-    table = Table(title=f"blind check: {found.asked.kind}, {found.asked.count} cases", title_justify="left")
-    for heading in ("", "value (95 % interval)", "cases", "bar"):
-        table.add_column(heading, justify="right" if heading == "cases" else "left")
+    limits = {}
+    for bar, _, met in found.bars:
+        bound, verdict = "at least", "missed"
+        if bar.most:
+            bound = "at most"
+        if met:
+            verdict = "met"
+        limits[bar.figure] = f"{bound} {bar.value:g}: {verdict}"
+    table = Table("", "value (95 % interval)", title=f"blind check: {found.asked.kind}, {found.asked.count} cases",
+                  title_justify="left")  # fmt: skip
+    table.add_column("cases", justify="right")
+    table.add_column("bar")
     for name, words in WORDS.items():
         if name in found.summary:
-            bar, met = bars.get(name, (None, False))
-            limit = (
-                f"{'at most' if bar.most else 'at least'} {bar.value:g}: {'met' if met else 'missed'}" if bar else ""
-            )
-            table.add_row(words, said(name, found.summary[name]), str(found.summary[name].count), limit)
+            figure = found.summary[name]
+            table.add_row(words, said(name, figure), str(figure.count), limits.get(name, ""))
     console.print(table)
     if found.lines:
         console.print(_parameters(found))
@@ -178,11 +212,13 @@ def _parameters(found: Report) -> Any:
     """The table of orders, time constants and shapes."""
     from rich.table import Table
 
-    table = Table(title="true against found, of effects named right", title_justify="left")
-    for heading in ("effect", "quantity", "cases", "error, median", "within 2 std"):
-        table.add_column(heading, justify="left" if heading in ("effect", "quantity") else "right")
+    table = Table("effect", "quantity", title="true against found, of effects named right", title_justify="left")
+    for heading in ("cases", "error, median", "within 2 std"):
+        table.add_column(heading, justify="right")
     for line in found.lines:
-        inside = f"{100 * line.within.value:.0f} %" if line.within.count else ""
+        inside = ""
+        if line.within.count:
+            inside = f"{100 * line.within.value:.0f} %"
         error = f"{100 * line.error.value:.2g} %"
         table.add_row(line.compared.effect, line.compared.words, str(line.error.count), error, inside)
     return table

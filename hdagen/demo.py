@@ -1,4 +1,4 @@
-"""What `hdagen demo` shows, as numbers: the arm on a circle and pushed, under two laws; its torque estimate; replays.
+"""The numbers of `hdagen demo`: the arm on a circle and pushed, under two laws; its torque estimate; replays.
 
 The arm of preset `paper`, dry friction set-valued, encoders and noise as its robot file says. The bar: pushed, the tip
 moves as the ideal mass, damper and spring would, within a tenth of the largest ideal displacement.
@@ -24,7 +24,7 @@ RADIUS, CENTER, TURN, SECONDS = 0.05, (0.2, 0.0), 5.0, 10.0  # m, m, s, s: the c
 PUSHES = (
     Push(3.0, 4.0, (15.0, 0.0)),
     Push(6.0, 7.0, (0.0, 15.0)),
-)  # as in Fig. 11; 15 N is what it takes to turn a drive at rest
+)  # as in Fig. 11; 15 N is enough to turn a drive at rest
 SAFE_DAMPING = (0.002, 0.002)  # N m s/rad at the motors: after a fault they stop within J/d = 65 ms
 BAR = 0.10  # of the largest ideal displacement
 SMOOTHING = 0.015  # s, of the cubic through the angles that gives the estimate its speed and acceleration
@@ -33,8 +33,8 @@ SMOOTHING = 0.015  # s, of the cubic through the angles that gives the estimate 
 @dataclass(frozen=True)
 class Followed:
     """One law on the circle. ``moved`` and ``ideal`` (T, 2, m): how far the tip is off the circle, and how far
-    M ẍ + B ẋ + K x = F says; ``points`` (T, n + 1, 2, m): base, joints and tip; ``fault``: what the first refused tick
-    says, or nothing."""
+    M ẍ + B ẋ + K x = F says; ``points`` (T, n + 1, 2, m): base, joints and tip; ``fault``: the sentence of the first
+    refused tick, or nothing."""
 
     law: str
     gains: Mapping[str, float]
@@ -75,18 +75,42 @@ class Estimated:
     dynamic: Array
 
     def rms(self, estimate: Array) -> Array:
-        """rms error of an estimate, (n,) N m."""
+        """Compute the rms error of an estimate.
+
+        Args:
+            estimate: Joint torques, (T, n) N m.
+
+        Returns:
+            The error of each joint, (n,) N m.
+
+        """
         return np.sqrt(np.mean((estimate - self.true) ** 2, axis=0))
 
 
 def follow(arm: Arm, law: str, gains: Mapping[str, float] | None = None, seed: int = 0) -> Followed:
-    """``law`` with ``gains`` (default: its own) drives the tip around the circle and is pushed. PlantError as `run`."""
+    """Drive the tip around the circle under one law, and push it.
+
+    Args:
+        arm: The arm.
+        law: Name of the control law.
+        gains: Its gains, SI; None: its own.
+        seed: Seed of the sensors' noise.
+
+    Returns:
+        The run, beside the ideal motion.
+
+    Raises:
+        PlantError: The arm has no such law, or refuses the gains.
+
+    """
     controller = Controller(arm, law, Guard(Safe.DAMPING, safe_damping=SAFE_DAMPING), gains)
     reference = circle(RADIUS, CENTER, TURN, SECONDS, controller.guard.period)
     result = run(arm, controller, reference, PUSHES, seed=seed)
     joint = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
     points = arm.evaluate("points", q=result.state[:, joint])["points"].reshape(len(result.state), -1, 2)
-    refused = result.status[result.status < 0]
+    refused, fault = result.status[result.status < 0], ""
+    if len(refused):
+        fault = controller.sentence(int(refused[0]))
     return Followed(
         law,
         dict(controller.gains),
@@ -95,15 +119,23 @@ def follow(arm: Arm, law: str, gains: Mapping[str, float] | None = None, seed: i
         result.tip - reference.position,
         ideal(arm, controller, result.push, reference.period),
         points,
-        controller.sentence(int(refused[0])) if len(refused) else "",
+        fault,
     )
 
 
 def estimate(arm: Arm, followed: Followed) -> Estimated:
-    """The torque estimates from what the log holds: encoders' angles and measured currents, nothing of the truth.
+    """Estimate the joint torques from a log: the encoders' angles and the measured currents, nothing of the truth.
 
     A cubic fitted around each row smooths the angles and gives speed and acceleration; it looks as far ahead as back,
     so this is for logs, not for a controller.
+
+    Args:
+        arm: The arm.
+        followed: A run on the circle.
+
+    Returns:
+        The estimates beside the true torques.
+
     """
     from scipy.signal import savgol_filter
 
@@ -144,7 +176,21 @@ class Demo:
 
 
 def show(profile: str = "portable", seed: int = 0, stage: Callable[[str], None] | None = None) -> Demo:
-    """Build what is not built, simulate, estimate, replay; ``stage`` hears what is being done. PlantError, LogError."""
+    """Build the arms, simulate, estimate and replay.
+
+    Args:
+        profile: Profile of the builds, "portable" or "native".
+        seed: Seed of the sensors' noise.
+        stage: Hears the name of each stage as it begins; None: nobody.
+
+    Returns:
+        All results.
+
+    Raises:
+        PlantError: A build fails.
+        LogError: A log cannot be read.
+
+    """
     say = stage or (lambda _: None)
     say("building the arm")
     arm = load(ROBOT, profile)
@@ -167,7 +213,15 @@ def show(profile: str = "portable", seed: int = 0, stage: Callable[[str], None] 
 
 
 def numbers(demo: Demo) -> dict[str, Any]:
-    """The demo's figures by name, SI units, as JSON takes them."""
+    """Sum the demo up in figures.
+
+    Args:
+        demo: All results.
+
+    Returns:
+        Figures by name, SI, as JSON takes them.
+
+    """
     followed = {
         one.law: {
             "largest_ideal_displacement": one.largest_ideal,
@@ -182,6 +236,12 @@ def numbers(demo: Demo) -> dict[str, Any]:
         }
         for one in demo.followed
     }
+    replays = {}
+    for one in demo.replays:
+        replays[one.name] = [
+            {"joint": j, "unit": channel.unit, "rms_residual": channel.rms, "rms_motion_in_window": channel.still}
+            for j, channel in enumerate(one.channels, 1)
+        ]
     estimated = demo.estimated
     return {
         "bar": BAR,
@@ -192,11 +252,5 @@ def numbers(demo: Demo) -> dict[str, Any]:
             "series": estimated.rms(estimated.series).tolist(),
             "dynamic": estimated.rms(estimated.dynamic).tolist(),
         },
-        "replays": {
-            one.name: [
-                {"joint": j, "unit": channel.unit, "rms_residual": channel.rms, "rms_motion_in_window": channel.still}
-                for j, channel in enumerate(one.channels, 1)
-            ]
-            for one in demo.replays
-        },
+        "replays": replays,
     }

@@ -20,7 +20,12 @@ EXAMPLE = """example:
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "demo",
         help="build the arm, drive it around a circle, push it, replay a log, and write a page",
@@ -36,7 +41,15 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Show, write, print; 1 where the tip misses the bar."""
+    """Run the demo, write its page, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code: 1 where the tip misses the bar.
+
+    """
     from rich.console import Console
 
     from hdagen import demo, demo_page
@@ -57,12 +70,14 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps({"machine": machine, "page": str(options.out), **demo.numbers(shown)}, indent=1))
     else:
         _print(Console(), shown, options.out)
-    return DONE if shown.holds else BAR_MISSED
+    if shown.holds:
+        return DONE
+    return BAR_MISSED
 
 
 @contextmanager
 def _stages(console: Console) -> Iterator[Callable[[str], None]]:
-    """What is being done: a spinner with the time on a terminal, elsewhere a line a stage."""
+    """A function that shows each stage: by a spinner with the time on a terminal, elsewhere by a line."""
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     if not console.is_terminal:
@@ -90,13 +105,18 @@ def _print(console: Console, shown: Demo, out: Path) -> None:
     table = Table("", "what", "value", box=None, pad_edge=False)
     for one in shown.followed:
         value = f"{1e3 * one.gap.max():.2f} mm, {100 * one.share:.1f} % of the ideal {1e3 * one.largest_ideal:.1f} mm"
-        table.add_row("ok" if one.holds else "missed", f"{one.law}: largest gap", value)
+        mark = "missed"
+        if one.holds:
+            mark = "ok"
+        table.add_row(mark, f"{one.law}: largest gap", value)
     for replayed in shown.replays:
+        origin = replayed.name
+        if not replayed.real:
+            origin += " (simulated)"
         for channel in replayed.channels:
-            what = f"replay of {replayed.name}{'' if replayed.real else ' (simulated)'}, {channel.name}"
             table.add_row(
                 "",
-                what,
+                f"replay of {origin}, {channel.name}",
                 f"{1e3 * channel.rms:.3f} m{channel.unit} rms, {100 * channel.rms / channel.still:.2g} % of the motion",
             )
     console.print(table)

@@ -1,4 +1,4 @@
-"""The page of `hdagen demo`: what was simulated and replayed, as pictures with their numbers."""
+"""The page of `hdagen demo`: simulations and replays as pictures with their numbers."""
 
 from __future__ import annotations
 
@@ -26,17 +26,36 @@ BANDS = [
 
 
 def write(path: Path, demo: Demo) -> None:
-    """The page into ``path``, whole or not at all; OSError where it cannot be written."""
+    """Write the page, whole or not at all.
+
+    Args:
+        path: Where the page goes.
+        demo: All results.
+
+    Raises:
+        OSError: The page cannot be written.
+
+    """
     sections = [_motion(demo), _displacement(demo), _forces(demo), _torque(demo), *map(_replay, demo.replays)]
     page.write(path, "A dual-joint harmonic-drive arm, compiled", verdict(demo), sections, _reproduce(demo))
 
 
 def verdict(demo: Demo) -> str:
-    """The sentence to take home, with its numbers."""
+    """Sum the demo up in one sentence, with its numbers.
+
+    Args:
+        demo: All results.
+
+    Returns:
+        The sentence.
+
+    """
     drive = demo.arm.robot["joints"][0]["drive"]
     friction = drive["ratio"]["nominal"] * drive["coulomb_friction"]["nominal"]
     shares = " and ".join(f"{100 * f.share:.1f}{NB}% ({NAMES[f.law]})" for f in demo.followed)
-    failed = "" if demo.holds else f", which misses the bar of {100 * BAR:g}{NB}%"
+    failed = ""
+    if not demo.holds:
+        failed = f", which misses the bar of {100 * BAR:g}{NB}%"
     text = (
         f"Pushed with {np.hypot(*PUSHES[0].force):g}{NB}N, the tip moves as the mass, damper and spring that it is "
         f"told to be, to within {shares} of their largest displacement, "
@@ -52,7 +71,9 @@ def _replay_words(replayed: Replayed) -> str:
 
 
 def _origin(replayed: Replayed) -> str:
-    return f"measured on {replayed.name}" if replayed.real else f"simulated by {replayed.name}"
+    if replayed.real:
+        return f"measured on {replayed.name}"
+    return f"simulated by {replayed.name}"
 
 
 def _motion(demo: Demo) -> page.Section:
@@ -102,11 +123,14 @@ def _table(demo: Demo) -> str:
     rows = [_row(NAMES[f.law], f) for f in demo.followed]
     rows.append(_row(f"{NAMES[demo.uncompensated.law]} without observer", demo.uncompensated))
     columns = ("control", "gap (mm)", "gap (%)", "at (s)", "rms gap (mm)", "limited", "refused")
+    met = "missed"
+    if demo.holds:
+        met = "met"
     caption = (
         "The largest gap between tip and ideal, also as a share of the largest ideal displacement, "
         f"{1e3 * demo.followed[0].largest_ideal:.1f}{NB}mm; the bar for the first two rows, {100 * BAR:g}{NB}%, is "
-        f"{'met' if demo.holds else 'missed'}. The last row shows what dry friction does where no observer takes it "
-        f"off. Limited: ticks, of {len(demo.followed[0].gap)}, whose torque the guard held back in size or rate."
+        f"{met}. The last row shows the effect of dry friction where no observer compensates it. "
+        f"Limited: ticks, of {len(demo.followed[0].gap)}, whose torque the guard held back in size or rate."
     )
     faults = "".join(f" {NAMES[f.law]}: {f.fault}" for f in demo.followed if f.fault)
     return figure.table("Tip against ideal", columns, rows, digits=3, caption=caption + faults)
@@ -225,7 +249,9 @@ def _torque(demo: Demo) -> page.Section:
 
 def _replay(replayed: Replayed) -> page.Section:
     above, below = [], []
-    origin = "measured" if replayed.real else replayed.name
+    origin = replayed.name
+    if replayed.real:
+        origin = "measured"
     for channel in replayed.channels:
         curves = [
             figure.Series(origin, channel.measured, "ink", "solid", width=1.2),

@@ -52,23 +52,48 @@ class Replayed:
 
 
 def shipped(arm: Arm) -> Replayed:
-    """The log that ships with the package, simulated by MuJoCo, on the arm of preset `paper`."""
+    """Replay the log that ships with the package, which MuJoCo simulated.
+
+    Args:
+        arm: The arm of preset `paper`.
+
+    Returns:
+        The replay.
+
+    """
     with resources.as_file(resources.files("hdagen.data") / "mujoco_log.parquet") as path:
         log = read(path, joints=arm.n)
     return _replayed("MuJoCo", False, arm, log)
 
 
 def data_folder() -> Path | None:
-    """The folder of data with EMPS in it: $HDAGEN_DATA, else ../shared/data as seen from the current directory or from
-    the repository; None where there is none."""
-    given = os.environ.get("HDAGEN_DATA")
-    beside = [base.parent / "shared" / "data" for base in (Path.cwd(), Path(hdagen.__file__).resolve().parents[1])]
-    places = [Path(given)] if given else beside
+    """Find the folder of data with EMPS in it: $HDAGEN_DATA, else ../shared/data as seen from the current directory or
+    from the repository.
+
+    Returns:
+        The folder; None where there is none.
+
+    """
+    places = [base.parent / "shared" / "data" for base in (Path.cwd(), Path(hdagen.__file__).resolve().parents[1])]
+    if given := os.environ.get("HDAGEN_DATA"):
+        places = [Path(given)]
     return next((place for place in places if (place / EMPS).is_file()), None)
 
 
 def emps(arm: Arm, folder: Path) -> Replayed:
-    """EMPS's identification log in ``folder`` on the arm of preset `emps`. LogError where it cannot be read."""
+    """Replay the identification log of EMPS.
+
+    Args:
+        arm: The arm of preset `emps`.
+        folder: The folder of data.
+
+    Returns:
+        The replay.
+
+    Raises:
+        LogError: The log cannot be read.
+
+    """
     with resources.as_file(resources.files("hdagen.data") / "emps_columns.toml") as columns:
         log = read(folder / EMPS, columns, joints=arm.n)
     return _replayed("EMPS", True, arm, log)
@@ -81,7 +106,7 @@ def _replayed(name: str, real: bool, arm: Arm, log: Log) -> Replayed:
     for j, joint in enumerate(arm.robot["joints"], 1):
         measured = log[f"joint_position_{j}"]
         moved = measured - measured[found.starts[window]]
-        unit = "m" if joint["kind"] == "prismatic" else "rad"
+        unit = {"prismatic": "m", "revolute": "rad"}[joint["kind"]]
         predicted = found.columns[f"joint_position_{j}"]
         channels.append(Channel(f"joint {j}", unit, measured, predicted, float(np.sqrt(np.mean(moved**2)))))
     return Replayed(name, real, arm, log, tuple(channels), found.notes)

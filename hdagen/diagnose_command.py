@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from hdagen.fleet import Result
+    from hdagen.pages.table import Cell
 
 EXAMPLE = """example:
   hdagen diagnose robot.toml log.parquet
@@ -32,7 +33,12 @@ THREADS = 2  # that one diagnosis keeps busy
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "diagnose",
         help="say which unmodelled effect makes model and log differ",
@@ -54,13 +60,23 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Diagnose, write, print."""
+    """Diagnose, write, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    """
     _check(options)
-    return _fleet(options) if options.fleet else _one(options)
+    if options.fleet:
+        return _fleet(options)
+    return _one(options)
 
 
 def _check(options: argparse.Namespace) -> None:
-    """What the options say that cannot be. Raises PlantError."""
+    """Refuse options that do not go together. Raises PlantError."""
     from hdagen.plant import PlantError
 
     problems = []
@@ -114,10 +130,8 @@ def _one(options: argparse.Namespace) -> int:
     for path in (*options.logs, *(options.hold_out or ())):
         check_log(path)
     with _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
-        logs, held = (
-            [read(path, columns=options.columns, holes=True) for path in paths or ()]
-            for paths in (options.logs, options.hold_out)
-        )
+        logs = [read(path, columns=options.columns, holes=True) for path in options.logs]
+        held = [read(path, columns=options.columns, holes=True) for path in options.hold_out or ()]
         say = Progress()
         kept()
         found = diagnose(options.robot, logs, held, say)
@@ -138,10 +152,12 @@ def _one(options: argparse.Namespace) -> int:
 
 
 def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
-    """The commands that make it again, and use it, as a shell takes them."""
-    robot = shlex.quote(str(options.robot))
-    mapped = f" --columns {shlex.quote(str(options.columns))}" if options.columns else ""
-    held = f" --hold-out {shlex.join(map(str, options.hold_out))}" if options.hold_out else ""
+    """The commands that repeat the diagnosis and use it, as a shell takes them."""
+    robot, mapped, held = shlex.quote(str(options.robot)), "", ""
+    if options.columns:
+        mapped = f" --columns {shlex.quote(str(options.columns))}"
+    if options.hold_out:
+        held = f" --hold-out {shlex.join(map(str, options.hold_out))}"
     motion = shlex.quote(str((options.hold_out or options.logs)[0]))
     digest = content["robot"]["identity"]
     return (
@@ -153,10 +169,10 @@ def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
 
 
 def _fleet(options: argparse.Namespace) -> int:
-    """All machines, the table, and the page; what an interrupt leaves is written, too."""
-    from hdagen import fleet, fleet_page
+    """Diagnose all machines, write table and page; those finished before an interrupt are written, too."""
+    from hdagen import fleet, fleet_file, fleet_page
 
-    machines = fleet.read(options.fleet)
+    machines = fleet_file.read(options.fleet)
     with _folder(options.out or Path(f"diagnosis-{options.fleet.stem}")) as out:
         jobs = options.jobs or max((os.cpu_count() or 1) // THREADS, 1)
         begun = time.monotonic()
@@ -172,7 +188,11 @@ def _fleet(options: argparse.Namespace) -> int:
     if interrupted:
         raise KeyboardInterrupt
     ended = {one.status for one in results}
-    return USAGE if fleet.Status.FAILED in ended else UNUSABLE if fleet.Status.REFUSED in ended else DONE
+    if fleet.Status.FAILED in ended:
+        return USAGE
+    if fleet.Status.REFUSED in ended:
+        return UNUSABLE
+    return DONE
 
 
 def _print_fleet(results: Sequence[Result], out: Path) -> None:
@@ -180,7 +200,9 @@ def _print_fleet(results: Sequence[Result], out: Path) -> None:
 
     from hdagen import fleet_page
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console = Console(highlight=False)
+    if not sys.stdout.isatty():  # a file has no width that a table must keep to
+        console = Console(highlight=False, width=160)
     console.print(_table(results))
     console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)
     console.print(out / "fleet.html", soft_wrap=True)
@@ -193,13 +215,30 @@ def _table(results: Sequence[Result]) -> Table:
     from hdagen.fleet_page import HEADINGS, cells
 
     table = Table()
-    for heading in (*HEADINGS, "s"):
-        table.add_column(heading, justify="left" if heading in HEADINGS[:2] else "right", overflow="fold")
+    for heading in HEADINGS[:2]:
+        table.add_column(heading, overflow="fold")
+    for heading in (*HEADINGS[2:], "s"):
+        table.add_column(heading, justify="right", overflow="fold")
     for one in results:
-        name, what, probability, sure, *gap = cells(one)
-        said = f"{what}: {one.says[0]}" if one.says else what
-        numbers = ["" if value is None else f"{value:.3g}" for value in (probability, *gap)]
-        known = "" if sure is None else "yes" if sure else "no"
-        took = "kept" if one.kept else f"{one.seconds:.0f}" if one.seconds else ""
-        table.add_row(escape(str(name)), escape(str(said)), numbers[0], known, *numbers[1:], took)
+        name, missing, *figures = map(_written, cells(one))
+        if one.says:
+            missing += f": {one.says[0]}"
+        took = ""
+        if one.kept:
+            took = "kept"
+        elif one.seconds:
+            took = f"{one.seconds:.0f}"
+        table.add_row(escape(name), escape(missing), *figures, took)
     return table
+
+
+def _written(cell: Cell) -> str:
+    if cell is None:
+        return ""
+    if cell is True:
+        return "yes"
+    if cell is False:
+        return "no"
+    if isinstance(cell, str):
+        return cell
+    return f"{cell:.3g}"

@@ -2,10 +2,10 @@
 
 Every motion (`hdagen.safe_motion`) is run on the compiled arm. About its path the diagnosis' own linear model is made,
 with the effects in question at their typical sizes as differences of whole simulations. A log of a machine that has
-effect A is then that model with A present and everything else within its tolerance; the evidence for A less that for B
-in it, first states, base parameters, spikes of all other effects and unexplained torque eliminated as in a diagnosis,
-is what the motion separates them by. Source: Lindley, Ann. Math. Stat. 27 (1956) 986; Box, Hill, Technometrics 9
-(1967) 57 (experiments that discriminate between models).
+effect A is then that model with A present and everything else within its tolerance. The separation of A and B is the
+log evidence for A less that for B; first states, base parameters, spikes of all other effects and unexplained torque
+are eliminated as in a diagnosis. Source: Lindley, Ann. Math. Stat. 27 (1956) 986; Box, Hill, Technometrics 9 (1967) 57
+(experiments that discriminate between models).
 """
 
 from __future__ import annotations
@@ -21,42 +21,26 @@ from hdagen.diagnosis.candidates import SILENT, Column, Dictionary, dictionary
 from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.evidence import posteriors, score
 from hdagen.diagnosis.linear import Linear
-from hdagen.diagnosis.portion import Mask, Portion
+from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import Suggested, suggested
+from hdagen.least_motion import SEEN, explain_narrow_limits, moved, resting
 from hdagen.log import Log
+from hdagen.motion_limits import Limits, limits_of, middle
+from hdagen.motion_shapes import motions
 from hdagen.names import meant
 from hdagen.plant import Arm, Array, PlantError, is_number
 from hdagen.reference import Reference
-from hdagen.safe_motion import (
-    MARGIN,
-    Kept,
-    Limits,
-    Motion,
-    drawn,
-    follow,
-    keep,
-    limits_of,
-    middle,
-    motions,
-    seen,
-    shares,
-    units,
-    with_size,
-)
-from hdagen.simulation import Simulation
+from hdagen.safe_motion import Kept, keep, with_size
 from hdagen.together import together
-from hdagen.torques import torque_per_input
 
 ENOUGH = 7.0  # nats, from where the other holds less than a tenth of a diagnosis' probability
 TRUST = 3.0  # factor within which a prediction holds
 WINDOW, FEWEST = 0.05, 25  # s and rows of a window of the diagnosis
 DURATION = (2.0, 120.0)  # s
 PERIOD = (1e-4, 0.01)  # s
-MOST_ROWS = 40_000  # of a motion: what the linear model's memory is made for
-SEEN = 3  # steps of its finer encoder by which a joint has to move: fewer are as good as rest
-GENTLE, DOUBLED = 3, 12  # motions that are run, and how often they are doubled, for the least that is seen
+MOST_ROWS = 40_000  # of a motion, which bounds the memory of the linear model
 DRAWS = 2  # of base parameters and spikes, for each true effect of a pair
 
 Pair = tuple[str, str]
@@ -79,8 +63,8 @@ class Tried:
 
     @property
     def merit(self) -> float:
-        """What is maximised: a soft minimum over the pairs, which a pair that nothing separates does not rule alone;
-        less than nothing is nothing."""
+        """The figure that is maximised: a soft minimum over the pairs, so that a pair that nothing separates does not
+        rule alone; negative nats count as 0."""
         if not self.nats:
             return -np.inf
         x = np.maximum(list(self.nats.values()), 0.0) / (ENOUGH * TRUST)
@@ -112,7 +96,12 @@ class Excitation:
         return self.best.worst >= ENOUGH * TRUST
 
     def columns(self) -> dict[str, Array]:
-        """The reference as a log has it: time and joint_position_reference_j."""
+        """List the columns of the reference.
+
+        Returns:
+            ``time`` (s) and ``joint_position_reference_j`` (rad or m), as a log has them.
+
+        """
         reference = self.reference
         return {"time": reference.time} | {
             f"joint_position_reference_{j + 1}": np.ascontiguousarray(x) for j, x in enumerate(reference.position.T)
@@ -128,18 +117,35 @@ def excite(
     limits: Mapping[str, tuple[float, ...]] | None = None,
     say: Callable[[str], None] = lambda stage: None,
 ) -> Excitation:
-    """The safe motion of ``arm`` (built with all effects) that separates ``separate`` best: names of effects of
-    ``joint``, or name@joint; none: every pair of the joint's effects. ``limits`` as `safe_motion.limits_of` takes
-    them. Raises PlantError for what does not exist and where no motion that is seen keeps the limits."""
+    """Find the safe motion that separates effects best.
+
+    Args:
+        arm: An arm that was built with all effects.
+        separate: Names of effects of ``joint``, or name@joint; none: every pair of the joint's effects.
+        joint: Number of the joint, from 1.
+        duration: Length of the motion, s.
+        period: Time from row to row, s.
+        limits: Narrower limits, as `motion_limits.limits_of` takes them.
+        say: Hears the name of each motion as it is tried.
+
+    Returns:
+        All motions, the best first.
+
+    Raises:
+        PlantError: An effect or a limit does not exist, or no visible motion keeps the limits.
+
+    """
     effects = _effects(arm, separate, joint, duration, period)
     bounds = limits_of(arm, limits)
     center = middle(arm, bounds)
-    others = [with_size(arm, _typical(arm, name)) for name in effects] if separate else []
+    others: list[Arm] = []
+    if separate:
+        others = [with_size(arm, _typical(arm, name)) for name in effects]
     places = [int(name.rpartition("@")[2]) for name in effects]
     joints = sorted({place - 1 for place in places if place}) or list(range(arm.n))
     shapes = motions(arm, places[0], duration, period)
     if resting(arm, bounds, shapes, center, period)[joints].all():
-        raise PlantError(_too_narrow(arm, bounds, shapes, center, period, joints, []))
+        raise PlantError(explain_narrow_limits(arm, bounds, shapes, center, period, joints))
     tried = []
     for motion in shapes:
         say(motion.name)
@@ -152,7 +158,8 @@ def excite(
             tried.append(Tried(motion.name, None, {}, kept))
     tried.sort(key=lambda t: (-t.merit, -t.worst))
     if tried[0].kept is None:
-        raise PlantError(_too_narrow(arm, bounds, shapes, center, period, joints, tried))
+        whys = [f"{t.name}: {t.why}" for t in tried[:3]]
+        raise PlantError(explain_narrow_limits(arm, bounds, shapes, center, period, joints, whys))
     return Excitation(effects, tuple(tried), bounds)
 
 
@@ -173,7 +180,9 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
     here = sorted({name for name in there if name.endswith((f"@{joint}", "@0"))})
     found = []
     for name in separate:
-        options = [name] if "@" in name else [f"{name}@{joint}", f"{name}@0"]
+        options = [f"{name}@{joint}", f"{name}@0"]
+        if "@" in name:
+            options = [name]
         known = [option for option in options if option in there]
         if not known:
             problems.append(
@@ -187,7 +196,9 @@ def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, per
         problems.append(f"--separate {separate[0]}: one effect alone; name two or more, or none for every pair.")
     if problems:
         raise PlantError("\n".join(problems))
-    return tuple(found) if separate else tuple(here)
+    if separate:
+        return tuple(found)
+    return tuple(here)
 
 
 def _typical(arm: Arm, name: str) -> dict[str, float]:
@@ -202,117 +213,73 @@ def _whole(arm: Arm, column: Column) -> float:
     """The size at which an effect is looked at: the usual one, of the sign and as large as its bounds let it."""
     q = arm.parameters.described[column.parameter]
     up, down = (q.high - column.center) / column.unit, (column.center - q.low) / column.unit
-    return 1.0 if up >= 1.0 or up >= down else -min(1.0, down)
-
-
-# -- too little to be seen --------------------------------------------------------------------------------------------
-
-
-def moved(arm: Arm, run: Simulation) -> Array:
-    """By how many steps of its finer encoder each joint (n) moves in a run."""
-    return seen(arm, run.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]])
-
-
-def resting(arm: Arm, limits: Limits, shapes: Sequence[Motion], center: Array, period: float) -> Mask:
-    """The joints (n) that no motion within the limits moves visibly, told without a run: range, speed, torque and
-    inertia draw each one too small, or dry friction holds the motor against all the current and gravity there are."""
-    largest = np.max([seen(arm, drawn(arm, limits, m, center, period, 1.0).position) for m in shapes], axis=0)
-    dry, ratio = (
-        np.array([arm.parameters[f"{name}_{j}"] for j in range(1, arm.n + 1)]) for name in ("coulomb_friction", "ratio")
-    )
-    pull = np.abs(arm.evaluate("gravity_torque", q=center)["g"].ravel() / ratio)
-    held = MARGIN * torque_per_input(arm) * limits.current + pull < dry
-    return np.asarray((largest < SEEN) | held)
-
-
-def least(
-    arm: Arm, limits: Limits, shapes: Sequence[Motion], center: Array, period: float, joints: Sequence[int]
-) -> dict[str, float]:
-    """Shares of the limits, by name, that it takes to move one of ``joints`` (from 0) visibly: the gentlest motions are
-    run within the robot file's limits alone, each ever twice as large, as dry friction holds small ones."""
-    file, found = limits_of(arm), []
-    for motion in sorted(shapes, key=lambda m: np.abs(np.diff(m.shape, axis=0)).max() / np.ptp(m.shape))[:GENTLE]:
-        wave = SEEN * motion.shape / max(seen(arm, motion.shape)[joints])
-        for k in range(DOUBLED):
-            v = np.gradient(2**k * wave, period, axis=0)
-            reference = Reference("joint", period, center + 2**k * wave, v, np.gradient(v, period, axis=0))
-            run, _ = follow(arm, arm, reference, file)
-            if run is not None and max(moved(arm, run)[joints]) >= SEEN:
-                found.append(shares(arm, limits, run, run.torque / torque_per_input(arm)))
-                break
-    return min(found, key=lambda one: max(one.values()), default={})
-
-
-def _too_narrow(
-    arm: Arm,
-    limits: Limits,
-    shapes: Sequence[Motion],
-    center: Array,
-    period: float,
-    joints: Sequence[int],
-    tried: Sequence[Tried],
-) -> str:
-    """That the limits admit no motion: which of them, and what of it the least motion that is seen takes."""
-    takes = []
-    for name, share in least(arm, limits, shapes, center, period, joints).items():
-        kind, _, number = name.rpartition("_")
-        if not MARGIN < share < np.inf:
-            continue
-        if kind == "tip":
-            (low, high), unit = limits.tip["xy".index(number)], "m"
-        else:
-            j, most = int(number) - 1, {"speed": limits.speed, "torque": limits.torque, "current": limits.current}
-            low, high = limits.position[j] if kind == "position" else (0.0, most[kind][j])
-            unit = units(arm, j)[kind]
-        wide = "a range of " if kind in ("tip", "position") else ""
-        takes.append(f"{wide}{name} of at least {(high - low) * share / MARGIN:.2g} {unit} ({high - low:.2g} is given)")
-    whys = "; ".join(f"{t.name}: {t.why}" for t in tried[:3])
-    if not takes:
-        return f"the limits admit no motion ({whys}); widen them, or move elsewhere."
-    return (
-        f"the limits admit no motion: one that moves joint {' or '.join(str(j + 1) for j in joints)} by {SEEN} steps "
-        f"of its encoder takes {' and '.join(takes)}; widen the limits."
-    )
+    if up >= 1.0 or up >= down:
+        return 1.0
+    return -min(1.0, down)
 
 
 # -- prediction -------------------------------------------------------------------------------------------------------
 
 
 def modelled(arm: Arm, log: Log, effects: Sequence[str], states: Array | None = None) -> Design:
-    """The linear model of ``log`` about the nominal arm. ``effects`` have columns of their typical size and are free or
-    absent, not within a tolerance, which would bound what can be told; windows begin at ``states`` (T, nx), by default
-    as measured."""
+    """Build the linear model of a log about the nominal arm.
+
+    Args:
+        arm: The arm, built with all effects.
+        log: The log.
+        effects: Effects whose columns have their typical size. They are free or absent, not within a tolerance, which
+            would bound their evidence.
+        states: States at the rows, (T, nx), from which windows begin; None: as measured.
+
+    Returns:
+        The sensitivities of the log.
+
+    """
     seen = record(arm, Portion.whole(log), max(WINDOW, FEWEST * log.period))
     shooting = Shooting(arm, seen)
     words = dictionary(arm, Suggested(suggested(arm, seen).shapes, {}, {}))
-    chosen = {k for k, atom in enumerate(words.atoms) if atom.name in effects}
-    columns = tuple(
-        replace(c, step=_whole(arm, c), spike=c.spike if c.base else SILENT) if c.atom in chosen else c
-        for c in words.columns
-        if c.atom in chosen or c.atom < 0 or words.atoms[c.atom].first
-    )
+    columns = []
+    for column in words.columns:
+        if column.atom >= 0 and words.atoms[column.atom].name in effects:
+            sized = replace(column, step=_whole(arm, column))
+            if not column.base:
+                sized = replace(sized, spike=SILENT)
+            columns.append(sized)
+        elif column.atom < 0 or words.atoms[column.atom].first:
+            columns.append(column)
     p, begun = shooting.begin()
     if states is not None:
         begun = states[seen.starts, : shooting.m].copy()
-    return design(shooting, Dictionary(words.atoms, columns), Point(p, begun))
+    return design(shooting, Dictionary(words.atoms, tuple(columns)), Point(p, begun))
 
 
 def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float]:
-    """Expected log evidence, nats, by which the motion separates each pair of ``effects``; of more than two without
-    those that no channel of the log shows."""
+    """Predict the log evidence by which a motion separates effects.
+
+    Args:
+        arm: The arm, built with all effects.
+        effects: Effects as name@joint.
+        kept: The motion with its run.
+
+    Returns:
+        Expected nats of each pair; of more than two effects without those that no channel of the log shows.
+
+    """
     at = modelled(arm, kept.simulation.log, effects, kept.simulation.state)
     linear, random = at.linear(1.0), np.random.default_rng(0)
     energy = np.diagonal(linear.gram.products, axis1=1, axis2=2).sum(0)[linear.m + linear.k :]
     shown = {
         at.words.atoms[c.atom].name for c, e in zip(at.words.columns, energy, strict=True) if c.atom >= 0 and e > 0
     }
-    count = DRAWS if len(effects) == 2 else 1
+    count = 1
+    if len(effects) == 2:
+        count = DRAWS
     logs = [_sizes(at.words, effects, true, random) for true in effects for _ in range(count)]
     found = together(lambda theta: weighed(_with(linear, theta), at.words, effects), logs)
-    evidence = {
-        true: {name: float(np.mean([one[name] for one in found[k * count : (k + 1) * count]])) for name in effects}
-        for k, true in enumerate(effects)
-    }
+    evidence: dict[str, dict[str, float]] = {}
+    for k, true in enumerate(effects):
+        draws = found[k * count : (k + 1) * count]
+        evidence[true] = {name: float(np.mean([one[name] for one in draws])) for name in effects}
     return {
         (a, b): min(evidence[a][a] - evidence[a][b], evidence[b][b] - evidence[b][a])
         for a, b in itertools.combinations(effects, 2)
@@ -321,7 +288,17 @@ def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float
 
 
 def weighed(linear: Linear, words: Dictionary, effects: Sequence[str]) -> dict[str, float]:
-    """Log evidence of each of ``effects`` in a linear model, the best of its atoms."""
+    """Score effects by their log evidence in a linear model.
+
+    Args:
+        linear: The linear model of a log.
+        words: Its candidates.
+        effects: Effects as name@joint.
+
+    Returns:
+        Log evidence of each effect, of its best candidate.
+
+    """
     atoms = [k for k, atom in enumerate(words.atoms) if atom.name in effects]
     best: dict[str, float] = {}
     for one in score(posteriors(linear, words.spike), words, [(k,) for k in atoms]):
@@ -333,8 +310,9 @@ def _sizes(words: Dictionary, effects: Sequence[str], true: str, random: np.rand
     """θ of a machine that has the effect ``true`` and everything else within its tolerance."""
     theta = random.normal(size=len(words.columns)) * words.spike
     atom = next(k for k, atom in enumerate(words.atoms) if atom.name == true)
-    own = words.free((atom,))
-    size = random.normal(size=len(own)) if len(own) > 1 else np.ones(1)
+    own, size = words.free((atom,)), np.ones(1)
+    if len(own) > 1:
+        size = random.normal(size=len(own))
     meant = [k for k, atom in enumerate(words.atoms) if atom.name in effects]
     theta[words.free(tuple(meant))] = 0.0
     theta[own] = np.sign(words.columns[own[0]].step) * size / np.linalg.norm(size)

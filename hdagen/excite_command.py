@@ -21,7 +21,12 @@ SHOWN = 3  # pairs of a motion that are printed where all are looked at
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "excite",
         help="design a safe motion that tells effects apart",
@@ -51,7 +56,18 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Design, write, print."""
+    """Design a motion, write it, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        PlantError: An option is not possible, or no motion keeps the limits.
+
+    """
     from hdagen.excite import excite
     from hdagen.plant import PlantError, load
     from hdagen.table import unwritable, write
@@ -59,7 +75,9 @@ def run(options: argparse.Namespace) -> int:
     if problems := unwritable(options.out):
         raise PlantError("\n".join(f"--out {problem}" for problem in problems))
     limits = _limits(options.limits)
-    separate = tuple(name.strip() for name in options.separate.split(",")) if options.separate else ()
+    separate: tuple[str, ...] = ()
+    if options.separate:
+        separate = tuple(name.strip() for name in options.separate.split(","))
     arm = load(options.robot, "native", ("all",))
     begun = time.monotonic()
     found = excite(
@@ -96,24 +114,32 @@ def _limits(given: list[str]) -> dict[str, tuple[float, ...]]:
 
 
 def figures(found: Excitation) -> dict[str, Any]:
-    """What was found, for JSON: of each motion the nats by pair, the shares of limits, or why it is dropped."""
+    """Sum an excitation up in figures: of each motion the nats by pair and the shares of limits, or why it is dropped.
+
+    Args:
+        found: The motions.
+
+    Returns:
+        Figures by name, as JSON takes them.
+
+    """
     return {
         "effects": list(found.effects),
         "motion": found.best.name,
         "nats": found.best.worst,
         "separates": found.separates,
-        "tried": [
-            {
-                "motion": t.name,
-                "nats": [{"pair": list(pair), "nats": nats} for pair, nats in _least(t)],
-                "limits": dict(t.kept.shares) if t.kept else {},
-                "scale": t.kept.scale if t.kept else None,
-                "dropped": t.why or None,
-            }
-            for t in found.tried
-        ],
+        "tried": [_motion_figures(tried) for tried in found.tried],
         "assumed": list(found.limits.notes),
     }
+
+
+def _motion_figures(tried: Tried) -> dict[str, Any]:
+    nats = [{"pair": list(pair), "nats": nats} for pair, nats in _least(tried)]
+    if tried.kept is None:
+        kept: dict[str, Any] = {"limits": {}, "scale": None}
+    else:
+        kept = {"limits": dict(tried.kept.shares), "scale": tried.kept.scale}
+    return {"motion": tried.name, "nats": nats, **kept, "dropped": tried.why or None}
 
 
 def _least(tried: Tried) -> list[tuple[tuple[str, str], float]]:
@@ -127,26 +153,31 @@ def _print(found: Excitation, out: Path) -> None:
     from hdagen.excite import ENOUGH, TRUST
 
     pairs = len(found.best.nats)
-    table = Table(box=None, header_style="bold")
-    table.add_column("motion")
-    table.add_column("nats" if pairs == 1 else "worst pair, nats", justify="right")
+    headings = ["nats"]
     if pairs > 1:
-        table.add_column(f"told apart of {pairs}", justify="right")
+        headings = ["worst pair, nats", f"told apart of {pairs}"]
+    table = Table("motion", box=None, header_style="bold")
+    for heading in headings:
+        table.add_column(heading, justify="right")
     table.add_column("limits reached")
     for t in found.tried:
         if t.kept is None:
-            table.add_row(t.name, "–", *(["–"] if pairs > 1 else []), f"dropped: {t.why}")
+            table.add_row(t.name, *["–"] * len(headings), f"dropped: {t.why}")
             continue
         largest = sorted(t.kept.shares.items(), key=lambda item: -item[1])[:3]
-        told = [str(sum(nats >= ENOUGH * TRUST for nats in t.nats.values()))] if pairs > 1 else []
-        table.add_row(t.name, f"{t.worst:.0f}", *told, ", ".join(f"{name} {100 * x:.0f} %" for name, x in largest))
+        told_apart = sum(nats >= ENOUGH * TRUST for nats in t.nats.values())
+        numbers = [f"{t.worst:.0f}", str(told_apart)][: len(headings)]
+        table.add_row(t.name, *numbers, ", ".join(f"{name} {100 * x:.0f} %" for name, x in largest))
     Console(width=120).print(table)
     for note in found.limits.notes:
         print(note)
+    answer = "no"
+    if found.separates:
+        answer = "yes"
     if pairs > 1:
         for (a, b), nats in _least(found.best)[:SHOWN]:
             print(f"hardest to tell: {a} and {b}, {nats:.0f} nats")
-        print(f"expected to separate every pair: {'yes' if found.separates else 'no'}")
+        print(f"expected to separate every pair: {answer}")
     else:
-        print(f"expected to separate: {'yes' if found.separates else 'no'} ({found.best.worst:.0f} nats)")
+        print(f"expected to separate: {answer} ({found.best.worst:.0f} nats)")
     print(f"{out}: {found.best.name}, {len(found.reference.position)} rows of {found.reference.period:g} s")

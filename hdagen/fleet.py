@@ -1,12 +1,11 @@
-"""Many logs of many machines: what a fleet.toml asks for, diagnosed by processes of their own, kept where finished.
+"""Many logs of many machines: those of a fleet.toml, diagnosed by processes of their own, kept where finished.
 
 A machine is diagnosed by `hdagen diagnose` as a user would start it, in a folder of its own. Its machine.json comes
-last and holds the hash of all that went in: a machine with the same hash is finished and is not diagnosed again.
+last and holds the hash of all inputs: a machine with the same hash is finished and is not diagnosed again.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
@@ -22,22 +21,18 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from hdagen import __version__, columns_toml
+from hdagen import __version__
 from hdagen.children import start_together
-from hdagen.input_file import InputFileError, read_json, read_toml
-from hdagen.log import LogError, check_log
-from hdagen.names import shown, shown_path
-from hdagen.plant import PlantError, is_number
-from hdagen.verdict import LARGEST, find_infinite
+from hdagen.diagnosis_file import LARGEST, find_infinite
+from hdagen.fleet_file import Machine
+from hdagen.input_file import InputFileError, read_json
+from hdagen.plant import is_number
 from hdagen.whole import write_whole
 
 DIAGNOSE = (sys.executable, "-P", "-m", "hdagen", "diagnose")
 SCHEMA = 1
-_REQUIRED, _OPTIONAL = ("robot", "log"), ("hold_out", "columns", "name")
-_LARGEST = 1_000_000  # bytes of a fleet.toml
-_NAME = re.compile(r"\w[\w -]{0,59}")  # it is a folder, too
-_PRESET = re.compile(r"[a-z][a-z0-9_]{0,60}")
-_PROGRESS = re.compile(r"\s*[\d.]+ s  |building ")  # what the command says on its way
+_LARGEST = 1_000_000  # bytes of a machine.json
+_PROGRESS = re.compile(r"\s*[\d.]+ s  |building ")  # lines that the command writes on its way
 _UNUSABLE = 3  # exit code of a log that is refused
 _LONGEST = 3600.0  # s that one machine may take
 _LOOK = 0.05  # s between looks at whether to stop
@@ -53,42 +48,10 @@ class Status(Enum):
 
 
 @dataclass(frozen=True)
-class Machine:
-    """A log and what is needed to diagnose it; ``robot`` is a preset or a path."""
-
-    name: str
-    robot: str
-    log: Path
-    hold_out: Path | None
-    columns: Path | None
-
-    def digest(self) -> str:
-        """The hash of what the files hold, wherever they lie, and of this version."""
-        robot = Path(self.robot)
-        build = robot / "manifest.json"  # of a folder that holds a build
-        parts = {
-            "version": __version__,
-            "robot": _digest(build if build.is_file() else robot) if robot.exists() else self.robot,
-            **{key: _digest(path) if path else None for key, path in self._files().items()},
-        }
-        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-
-    def _files(self) -> dict[str, Path | None]:
-        return {"log": self.log, "hold_out": self.hold_out, "columns": self.columns}
-
-    def arguments(self, out: Path) -> list[str]:
-        """What `hdagen diagnose` is to be told."""
-        told = ["--out", str(out)]
-        told += ["--hold-out", str(self.hold_out)] if self.hold_out else []
-        told += ["--columns", str(self.columns)] if self.columns else []
-        return [*told, "--", self.robot, str(self.log)]
-
-
-@dataclass(frozen=True)
 class Result:
     """How ``machine`` ended, in ``seconds``; ``kept`` from an earlier run.
 
-    ``says``: its sentences where there is no ``diagnosis``, which is what diagnosis.json holds.
+    ``diagnosis`` is the content of diagnosis.json; where there is none, ``says`` has the program's sentences.
     """
 
     machine: Machine
@@ -100,70 +63,11 @@ class Result:
 
     @property
     def probability(self) -> float | None:
-        """That of the verdict, as far as it was tried as one hypothesis."""
+        """Probability of the verdict, if it was tried as one hypothesis."""
         if self.diagnosis is None:
             return None
         verdict = self.diagnosis["verdict"]
         return next((float(h["probability"]) for h in self.diagnosis["hypotheses"] if h["effects"] == verdict), None)
-
-
-def read(path: Path) -> tuple[Machine, ...]:
-    """The machines of a fleet.toml; paths are taken from its folder. Raises PlantError with every problem."""
-    try:
-        content = read_toml(path, _LARGEST, "give a fleet.toml as docs/diagnosis.md describes it")
-    except InputFileError as error:
-        raise PlantError(error) from None
-    place = shown_path(path)
-    problems = [
-        f"{place}: unknown key {key[:40]!r}; possible is [[machine]], one a log." for key in content if key != "machine"
-    ]
-    entries = content.get("machine")
-    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
-        problems.append(f"{place}: there is no [[machine]]; write one with robot and log for each log.")
-        raise PlantError("\n".join(problems))
-    machines = [_machine(f"{place}: machine {k}", path.parent, entry, problems) for k, entry in enumerate(entries, 1)]
-    names = Counter(machine.name.casefold() for machine in machines if machine)
-    problems += [
-        f'{place}: {count} machines are named {name!r}; tell them apart with name = "…".'
-        for name, count in names.items()
-        if count > 1
-    ]
-    if problems:
-        raise PlantError("\n".join(problems))
-    return tuple(machine for machine in machines if machine)
-
-
-def _machine(where: str, folder: Path, entry: Mapping[str, Any], problems: list[str]) -> Machine | None:
-    """One [[machine]], or None with what is wrong appended to ``problems``."""
-    known = _REQUIRED + _OPTIONAL
-    wrong = [
-        f"{where}: unknown key {key[:40]!r}; possible are {', '.join(known)}." for key in entry if key not in known
-    ]
-    wrong += [f"{where}: {key} is missing; state it." for key in _REQUIRED if key not in entry]
-    text = {key: value for key, value in entry.items() if isinstance(value, str) and value and "\0" not in value}
-    wrong += [
-        f"{where}: {key} = {shown(value)}; it must be text in quotes."
-        for key, value in entry.items()
-        if key in known and key not in text
-    ]
-    paths = {key: (folder / text[key]).absolute() for key in ("log", "hold_out", "columns") if key in text}
-    for key, path in paths.items():
-        try:
-            columns_toml.load(path) if key == "columns" else check_log(path)
-        except LogError as error:
-            wrong += [f"{where}: {key} = {shown(text[key])}: {problem}" for problem in error.problems]
-    robot = text.get("robot", "")
-    if robot and any(os.path.isfile(folder / robot / name) for name in ("", "manifest.json")):
-        robot = str((folder / robot).absolute())
-    elif robot and not _PRESET.fullmatch(robot):
-        wrong.append(f"{where}: robot = {shown(robot)}: there is no such file, and it is no preset's name.")
-    name = text.get("name", re.sub(r"[^\w -]", "_", paths["log"].stem)[:60] if "log" in paths else "")
-    if name and not _NAME.fullmatch(name):
-        wrong.append(f"{where}: name = {shown(name)}; possible are up to 60 letters, digits, spaces, _ and -.")
-    problems += wrong
-    if wrong:
-        return None
-    return Machine(name, robot, paths["log"], paths.get("hold_out"), paths.get("columns"))
 
 
 def diagnose(
@@ -173,10 +77,19 @@ def diagnose(
     say: Callable[[str], None],
     command: Sequence[str] = DIAGNOSE,
 ) -> tuple[list[Result], bool]:
-    """Diagnose those of ``machines`` that are not finished in ``out``, ``jobs`` at once.
+    """Diagnose the machines that an earlier run has not finished.
 
-    Results in the order of ``machines``, and whether it was interrupted: what was finished is then whole and the rest
-    is not run. ``command`` is what diagnoses one machine, as `hdagen diagnose` does.
+    Args:
+        machines: The machines.
+        out: Folder of the results, a folder in it for each machine.
+        jobs: Count of machines at the same time.
+        say: Hears how far the work is.
+        command: The command that diagnoses one machine, as `hdagen diagnose` does.
+
+    Returns:
+        Results in the order of the machines, and whether an interrupt stopped the work: finished machines are then
+        complete, and the others are not run.
+
     """
     results = {m.name: Result(m, Status.NOT_RUN) for m in machines}
     for machine in machines:
@@ -209,20 +122,33 @@ def diagnose(
 
 
 def _kept(machine: Machine, folder: Path) -> Result | None:
-    """What an earlier run found from the same files, if it finished."""
+    """The result of an earlier run on the same files, if it finished."""
     try:
         found = read_json(folder / "machine.json", _LARGEST, "diagnose again")
         if found["inputs"] != machine.digest():
             return None
-        status = {"diagnosed": Status.DIAGNOSED, "refused": Status.REFUSED}[found["status"]]
-        diagnosis = _diagnosis(folder) if status is Status.DIAGNOSED else None
+        status, diagnosis = {"diagnosed": Status.DIAGNOSED, "refused": Status.REFUSED}[found["status"]], None
+        if status is Status.DIAGNOSED:
+            diagnosis = _diagnosis(folder)
         return Result(machine, status, float(found["seconds"]), True, tuple(map(str, found["says"])), diagnosis)
     except (InputFileError, OSError, ValueError, KeyError, TypeError, OverflowError):
         return None
 
 
 def _diagnosis(folder: Path) -> dict[str, Any]:
-    """What the diagnosis.json in ``folder`` holds. Raises InputFileError, and ValueError where it is none."""
+    """Read the diagnosis.json of a machine.
+
+    Args:
+        folder: The machine's folder.
+
+    Returns:
+        The content.
+
+    Raises:
+        InputFileError: The file cannot be read.
+        ValueError: It is no diagnosis of this schema.
+
+    """
     path = folder / "diagnosis.json"
     found = read_json(path, LARGEST, "diagnose again")
     if not isinstance(found, dict) or found.get("schema") != SCHEMA or not _is_told(found) or any(find_infinite(found)):
@@ -231,7 +157,7 @@ def _diagnosis(folder: Path) -> dict[str, Any]:
 
 
 def _is_told(found: Mapping[str, Any]) -> bool:
-    """Whether a diagnosis holds what table and page tell of it."""
+    """Whether a diagnosis has all parts that table and page show."""
     try:
         gaps = [found["gap"][when] for when in ("before", "after")]
         chances = [h["probability"] for h in found["hypotheses"] if h["effects"] is not None]
@@ -245,7 +171,7 @@ def _is_told(found: Mapping[str, Any]) -> bool:
 
 
 def _run(machine: Machine, folder: Path, command: Sequence[str], stop: threading.Event) -> Result:
-    """Diagnose one machine by a process of its own; not run where ``stop`` is set on the way."""
+    """Diagnose one machine by a process of its own, which ``stop`` ends."""
     if stop.is_set():
         return Result(machine, Status.NOT_RUN)
     try:
@@ -288,7 +214,7 @@ def _ended(code: int | None, lines: list[str], folder: Path) -> tuple[Status, tu
 
 
 def _waited(command: Sequence[str], said: int, stop: threading.Event) -> int | None:
-    """The exit code of ``command``, what it prints in the file ``said``; None where it was stopped or took too long.
+    """The exit code of ``command``, whose output goes to the file ``said``; None: it was stopped or took too long.
 
     An interrupt from the keyboard reaches it through ``stop`` only.
     """
@@ -304,15 +230,25 @@ def _waited(command: Sequence[str], said: int, stop: threading.Event) -> int | N
 
 
 def summary(results: Sequence[Result]) -> dict[str, Any]:
-    """What fleet.json holds; the same results give the same content."""
+    """Sum a fleet up as fleet.json holds it; the same results give the same content.
+
+    Args:
+        results: Results of all machines.
+
+    Returns:
+        Counts, effects with their machines, and a row for each machine.
+
+    """
     effects: dict[str, list[str]] = {}
     for one in results:
-        for effect in one.diagnosis["verdict"] if one.diagnosis else ():
-            effects.setdefault(effect, []).append(one.machine.name)
+        if one.diagnosis:
+            for effect in one.diagnosis["verdict"]:
+                effects.setdefault(effect, []).append(one.machine.name)
+    ended = Counter(one.status for one in results)
     return {
         "schema": SCHEMA,
         "version": __version__,
-        "counts": {status.value: sum(one.status is status for one in results) for status in Status},
+        "counts": {status.value: ended[status] for status in Status},
         "effects": dict(sorted(effects.items(), key=lambda item: (-len(item[1]), item[0]))),
         "machines": [_row(one) for one in results],
     }
@@ -340,10 +276,14 @@ def _row(one: Result) -> dict[str, Any]:
 
 
 def write(path: Path, content: Mapping[str, Any]) -> None:
-    """``content`` as JSON, whole or not at all."""
+    """Write JSON, whole or not at all.
+
+    Args:
+        path: Where the file goes.
+        content: The content, whose numbers are finite.
+
+    Raises:
+        OSError: The file cannot be written.
+
+    """
     write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,10 +1,11 @@
-"""The page of a fleet: what is missing on which machine, how far each gap shrinks, and what several have in common."""
+"""The page of a fleet: the missing effects of each machine, how far each gap shrinks, and common effects."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from hdagen.fleet import Result, Status, summary
 from hdagen.pages import figure, page
@@ -16,7 +17,17 @@ CELLS = 60  # machines in the map and in the bars; more are in the table alone
 
 
 def write(path: Path, fleet: Path, results: Sequence[Result]) -> None:
-    """The page into ``path``, whole or not at all; OSError where it cannot be written."""
+    """Write the page, whole or not at all.
+
+    Args:
+        path: Where the page goes.
+        fleet: Path of the fleet.toml.
+        results: Results of all machines.
+
+    Raises:
+        OSError: The page cannot be written.
+
+    """
     done = [one for one in results if one.diagnosis is not None]
     sections = [_machines(results)]
     if done:
@@ -32,27 +43,50 @@ def write(path: Path, fleet: Path, results: Sequence[Result]) -> None:
 
 
 def sentence(results: Sequence[Result]) -> str:
-    """What to take home."""
+    """Sum a fleet up in one sentence.
+
+    Args:
+        results: Results of all machines.
+
+    Returns:
+        The sentence.
+
+    """
     found = summary(results)
     counts = found["counts"]
-    what = f"{counts[Status.DIAGNOSED.value]} of {len(results)} machines are diagnosed"
-    others = [f"{counts[s.value]} {s.value}" for s in Status if s is not Status.DIAGNOSED and counts[s.value]]
-    some = sum(bool(one.diagnosis["verdict"]) for one in results if one.diagnosis)
-    missing = f"; something is missing on {some}" if counts[Status.DIAGNOSED.value] else ""
+    parts = [f"{counts[Status.DIAGNOSED.value]} of {len(results)} machines are diagnosed"]
+    parts += [f"{counts[s.value]} {s.value}" for s in Status if s is not Status.DIAGNOSED and counts[s.value]]
+    text = ", ".join(parts)
+    if counts[Status.DIAGNOSED.value]:
+        some = sum(bool(one.diagnosis["verdict"]) for one in results if one.diagnosis)
+        text += f"; something is missing on {some}"
     effect, names = next(iter(found["effects"].items()), ("", []))
-    most = f", most often {spoken(effect)} ({len(names)})" if len(names) > 1 else ""
-    return f"{', '.join([what, *others])}{missing}{most}."
+    if len(names) > 1:
+        text += f", most often {spoken(effect)} ({len(names)})"
+    return f"{text}."
 
 
 def spoken(effect: str) -> str:
     """``coulomb_friction@2`` in words."""
     name, _, joint = effect.partition("@")
-    at = f"joint {joint}" if joint != "0" else "the whole arm"
-    return f"an effect that is not known, at {at}" if name == "unknown" else f"{name.replace('_', ' ')} at {at}"
+    place = f"joint {joint}"
+    if joint == "0":
+        place = "the whole arm"
+    if name == "unknown":
+        return f"an effect that is not known, at {place}"
+    return f"{name.replace('_', ' ')} at {place}"
 
 
 def cells(one: Result) -> list[Cell]:
-    """Name, what is missing, probability, sure, gap before and after: a row of the tables."""
+    """Build the row of a machine, below HEADINGS.
+
+    Args:
+        one: Result of the machine.
+
+    Returns:
+        Name, missing effects, probability, whether the verdict is sure, and the gap before and after.
+
+    """
     if one.diagnosis is None:
         return [one.machine.name, one.status.value, None, None, None, None]
     verdict, gap = one.diagnosis["verdict"], one.diagnosis["gap"]
@@ -73,14 +107,14 @@ def _machines(results: Sequence[Result]) -> page.Section:
 
 
 def _gaps(done: Sequence[Result]) -> page.Section:
-    shown = [one.diagnosis["gap"] for one in done[:CELLS] if one.diagnosis]
+    groups = []
+    for when, color in (("before", "orange"), ("after", "blue")):
+        gaps = np.array([one.diagnosis["gap"][when] for one in done[:CELLS] if one.diagnosis], float)
+        groups.append(figure.Bars(when, gaps, color=color))
     chart = figure.bars(
         "Gap on held-out motion",
         [one.machine.name for one in done[:CELLS]],
-        [
-            figure.Bars(when, [gap[when] if gap[when] is not None else math.nan for gap in shown], color=color)
-            for when, color in (("before", "orange"), ("after", "blue"))
-        ],
+        groups,
         value_label="replay error in multiples of noise",
         levels=[(1.0, "noise alone")],
         log=True,
@@ -90,18 +124,18 @@ def _gaps(done: Sequence[Result]) -> page.Section:
 
 def _common(done: Sequence[Result]) -> page.Section:
     """Which effects several machines have: a map of the probability of each effect on each machine."""
-    chances = [
-        {f"{c['effect']}@{c['joint']}": c["probability"] for c in one.diagnosis["causes"]}
-        for one in done[:CELLS]
-        if one.diagnosis
-    ]
-    highest = {name: max(c.get(name, 0.0) for c in chances) for c in chances for name in c}
-    names = sorted(
-        (n for n, p in highest.items() if p >= LIKELY), key=lambda n: (-sum(c.get(n, 0.0) for c in chances), n)
-    )
+    chances: dict[str, dict[int, float]] = {}  # by effect and number of the machine
+    for k, one in enumerate(done[:CELLS]):
+        for cause in one.diagnosis["causes"] if one.diagnosis else ():
+            chances.setdefault(f"{cause['effect']}@{cause['joint']}", {})[k] = cause["probability"]
+    likely = [name for name, by_machine in chances.items() if max(by_machine.values()) >= LIKELY]
+    names = sorted(likely, key=lambda name: (-sum(chances[name].values()), name))
     if not names:
         return page.Section("What they have in common", "No effect is likely on any machine.")
-    grid = [[c.get(name, math.nan) for c in chances] for name in names[:SHOWN]]
+    grid = np.full((len(names[:SHOWN]), len(done[:CELLS])), np.nan)
+    for row, name in enumerate(names[:SHOWN]):
+        for k, probability in chances[name].items():
+            grid[row, k] = probability
     chart = figure.heat(
         "Probability of each effect",
         [one.machine.name for one in done[:CELLS]],
@@ -114,16 +148,18 @@ def _common(done: Sequence[Result]) -> page.Section:
     rows: list[list[Cell]] = [
         [spoken(effect), len(machines), ", ".join(machines)] for effect, machines in summary(done)["effects"].items()
     ]
-    table = figure.table("Named on", ("effect", "machines", "which"), rows)
+    figures = [chart]
+    if rows:
+        figures.append(figure.table("Named on", ("effect", "machines", "which"), rows))
     text = (
         f"{_first(done)}An effect on most machines of a kind is one that their model lacks; one on a single machine is "
         "that machine's own."
     )
-    return page.Section("What they have in common", text, [chart, table] if rows else [chart])
+    return page.Section("What they have in common", text, figures)
 
 
 def _logs(results: Sequence[Result]) -> page.Section:
-    """What was said of each log: why it is refused, what was repaired, what to look at."""
+    """The remarks on each log: reasons of refusal, repairs, warnings."""
     parts = []
     for one, row in zip(results, summary(results)["machines"], strict=True):
         said = [*row["says"], *row.get("repaired", []), *row.get("warnings", [])]
@@ -133,8 +169,12 @@ def _logs(results: Sequence[Result]) -> page.Section:
         "A log that is refused says what to record; what failed or was not run is tried again by the same command. "
         "What was repaired was repaired in memory alone."
     )
-    return page.Section("The logs", "\n\n".join([text, *parts] if parts else ["All logs were used as they are."]))
+    if not parts:
+        return page.Section("The logs", "All logs were used as they are.")
+    return page.Section("The logs", "\n\n".join([text, *parts]))
 
 
 def _first(done: Sequence[Result]) -> str:
-    return f"The first {CELLS} machines. " if len(done) > CELLS else ""
+    if len(done) <= CELLS:
+        return ""
+    return f"The first {CELLS} machines. "

@@ -1,6 +1,6 @@
-"""What the diagnosis says of real machines, as tables of the docs; docs/examples/real_machines.py makes the file.
+"""The verdicts on real machines as tables of the docs; docs/examples/real_machines.py makes the file.
 
-An entry of a verdict is either what is there, a named effect with its size, or what remains, `unknown` at a joint.
+An entry of a verdict is a named effect with its size, or a gap that remains, `unknown` at a joint.
 """
 
 from __future__ import annotations
@@ -14,17 +14,38 @@ UNKNOWN = "unknown@"
 
 
 def table(found: Mapping[str, Any]) -> str:
-    """A line for each case of all machines and one for each bar, as Markdown; ``found`` as figures.py reads it."""
+    """Tabulate all machines, a line for each case and one for each bar.
+
+    Args:
+        found: The sources as figures.py reads them.
+
+    Returns:
+        Markdown.
+
+    """
     bars = ["| | | bar | |", "|---|---|---|---|"]
     for bar in found["real"]["bars"]:
-        met = bar["reached"] >= bar["asked"] if bar["bound"] == "least" else bar["reached"] <= bar["asked"]
+        met, verdict = bar["reached"] <= bar["asked"], "**missed**"
+        if bar["bound"] == "least":
+            met = bar["reached"] >= bar["asked"]
+        if met:
+            verdict = "met"
         limit = f"at {bar['bound']} {bar['asked']:.3g}"
-        bars.append(f"| {bar['name']} | {bar['reached']:.3g} | {limit} | {'met' if met else '**missed**'} |")
+        bars.append(f"| {bar['name']} | {bar['reached']:.3g} | {limit} | {verdict} |")
     return "\n".join([*_lines(found["real"]["cases"]), "", *bars]) + "\n"
 
 
 def page_table(found: Mapping[str, Any], page: str) -> str:
-    """The lines of one example, ``page`` the name of its folder."""
+    """Tabulate one example.
+
+    Args:
+        found: The sources as figures.py reads them.
+        page: Name of the example's folder.
+
+    Returns:
+        Markdown.
+
+    """
     return "\n".join(_lines([case for case in found["real"]["cases"] if case["page"] == page])) + "\n"
 
 
@@ -34,29 +55,38 @@ def _lines(cases: list[Mapping[str, Any]]) -> list[str]:
     for case in cases:
         there = [_sized(entry, case["sizes"]) for entry in case["verdict"] if not entry.startswith(UNKNOWN)]
         remains = [f"`{entry}`" for entry in case["verdict"] if entry.startswith(UNKNOWN)]
-        cells = (
-            case["machine"],
-            case["answer"] + ("" if case["named"] else ": **missed**"),
-            "<br>".join(there) or "nothing named",
-            ", ".join(remains),
-            "yes" if case["sure"] else "no",
-            *(
-                f"{case[key]:.0f}" if case[key] >= 100 else f"{case[key]:.3g}"
-                for key in ("before", "after", "achievable")
-            ),
-            "" if case["closed"] is None else f"{100 * case['closed']:.0f} %",
-        )
+        answer, sure, closed = f"{case['answer']}: **missed**", "no", ""
+        if case["named"]:
+            answer = case["answer"]
+        if case["sure"]:
+            sure = "yes"
+        if case["closed"] is not None:
+            closed = f"{100 * case['closed']:.0f} %"
+        gaps = [_gap(case[key]) for key in ("before", "after", "achievable")]
+        named = "<br>".join(there) or "nothing named"
+        cells = (case["machine"], answer, named, ", ".join(remains), sure, *gaps, closed)
         lines.append(f"| {' | '.join(cells)} |")
     return lines
+
+
+def _gap(value: float) -> str:
+    """A gap with three digits, or to whole multiples of the noise."""
+    if value >= 100:
+        return f"{value:.0f}"
+    return f"{value:.3g}"
 
 
 def _sized(entry: str, sizes: Mapping[str, Any]) -> str:
     """A named effect with the values of its parameters."""
     values = []
     for value in sizes.get(entry, {}).values():
-        spread = "" if value["std"] is None else f" ± {value['std']:.1g}"
-        values.append(f"{value['value']:.3g}{spread} {value['unit']}".rstrip())
-    return f"`{entry}`" + (f" ({', '.join(values)})" if values else "")
+        number = f"{value['value']:.3g}"
+        if value["std"] is not None:
+            number += f" ± {value['std']:.1g}"
+        values.append(f"{number} {value['unit']}".rstrip())
+    if not values:
+        return f"`{entry}`"
+    return f"`{entry}` ({', '.join(values)})"
 
 
 TABLES: dict[str, Callable[[Mapping[str, Any]], str]] = {

@@ -1,4 +1,4 @@
-"""`hdagen mpc`: the table of three controllers, what the estimator feels, the page of a run, the keys of
+"""`hdagen mpc`: the table of three controllers, the accuracy of the estimator, the page of a run, the keys of
 controller.toml, the truth beside a tick."""
 
 from __future__ import annotations
@@ -9,7 +9,10 @@ import json
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hdagen.mpc.converged import Loop
 
 EXAMPLE = """examples:
   hdagen mpc table                 impedance, admittance and predictive control, free and against a wall
@@ -24,7 +27,12 @@ WHAT = ("table", "sense", "explain", "keys", "reference", "header")
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "mpc",
         help="predictive control: compare, explain a run, list keys, check against the whole problem",
@@ -48,10 +56,25 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do what was asked. Raises PlantError."""
+    """Run the part of the command that is named.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        PlantError: No part is named, or more than one.
+
+    """
     from hdagen.plant import PlantError
 
-    asked = [what for what in (options.what, "reference" if options.reference else None) if what]
+    asked = []
+    if options.what:
+        asked.append(options.what)
+    if options.reference:
+        asked.append("reference")
     if len(set(asked)) != 1:
         raise PlantError(
             f"hdagen mpc takes one of {', '.join(WHAT)}, or --reference; found {' and '.join(asked) or 'none'}."
@@ -63,8 +86,10 @@ def run(options: argparse.Namespace) -> int:
 def _keys(options: argparse.Namespace) -> int:
     from hdagen.mpc.keys import KEYS, documented
 
-    said = json.dumps([asdict(key) for key in KEYS], indent=1) if options.json else documented().rstrip("\n")
-    print(said)
+    if options.json:
+        print(json.dumps([asdict(key) for key in KEYS], indent=1))
+    else:
+        print(documented().rstrip("\n"))
     return 0
 
 
@@ -89,7 +114,10 @@ def _explain(options: argparse.Namespace) -> int:
             [f"{out}: the page could not be written ({error.strerror}); name another with --out."]
         ) from error
     said = verdict(record)
-    print(json.dumps({"sentence": said, "page": str(out)}, indent=1) if options.json else f"{said}\n{out}")
+    if options.json:
+        print(json.dumps({"sentence": said, "page": str(out)}, indent=1))
+    else:
+        print(f"{said}\n{out}")
     return 0
 
 
@@ -101,7 +129,7 @@ def _table(options: argparse.Namespace) -> int:
     with Console(stderr=True).status("starting") as status:
         found = compare(options.profile, status.update)
         runs = []
-        with contextlib.suppress(KeyboardInterrupt):  # long: what is interrupted says what it has
+        with contextlib.suppress(KeyboardInterrupt):  # an interrupt leaves the runs that are finished
             for one in random_runs(max(0, options.runs), found.tuned.gains, options.profile):
                 runs.append(one)
                 status.update(f"random run {len(runs)} of {options.runs}, limits kept in {sum(r.kept for r in runs)}")
@@ -125,7 +153,10 @@ def _sense(options: argparse.Namespace) -> int:
 
     with Console(stderr=True).status("starting") as status:
         found = measure(options.profile, status.update)
-    print(json.dumps(asdict(found), indent=1) if options.json else "\n".join(lines(found)))
+    if options.json:
+        print(json.dumps(asdict(found), indent=1))
+    else:
+        print("\n".join(lines(found)))
     return 0
 
 
@@ -134,9 +165,14 @@ def _header(options: argparse.Namespace) -> int:
     from hdagen.mpc.controller import MPC
     from hdagen.plant import load
 
-    c = read(options.config) if options.config else Configuration()
+    c = Configuration()
+    if options.config:
+        c = read(options.config)
     text = MPC(load(options.robot, options.profile, mpc=c), c).header()
-    print(json.dumps({"header": text}) if options.json else text.rstrip("\n"))
+    if options.json:
+        print(json.dumps({"header": text}))
+    else:
+        print(text.rstrip("\n"))
     return 0
 
 
@@ -146,8 +182,10 @@ def _reference(options: argparse.Namespace) -> int:
     from hdagen.mpc.converged import lines, loops
     from hdagen.mpc.truth import against_truth, beside
 
+    driven: tuple[Loop, ...] = ()
     with Console(stderr=True).status("starting") as status:
-        driven = loops(options.profile, status.update) if options.config is None else ()
+        if options.config is None:
+            driven = loops(options.profile, status.update)
         status.update("IPOPT")
         found = against_truth(options.config, options.profile)
     if options.json:
@@ -155,5 +193,7 @@ def _reference(options: argparse.Namespace) -> int:
             json.dumps({"loops": [asdict(loop) for loop in driven], "plans": [asdict(one) for one in found]}, indent=1)
         )
     else:
-        print("\n".join([*(lines(driven) if driven else []), *beside(found)]))
+        if driven:
+            print("\n".join(lines(driven)))
+        print("\n".join(beside(found)))
     return 0

@@ -1,4 +1,4 @@
-"""`hdagen paper`: the paper's tables and figures on its virtual prototype, what it says of them and what comes out."""
+"""`hdagen paper`: the paper's tables and figures on its virtual prototype, its claims, and the results here."""
 
 from __future__ import annotations
 
@@ -25,7 +25,12 @@ MARK = {True: "holds", False: "does not", None: ""}
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "paper",
         help="the paper's tables and figures, reproduced",
@@ -43,7 +48,18 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Make, write, print."""
+    """Make figures, write them, print their claims.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        PlantError: A name is unknown, or the folder cannot be used.
+
+    """
     from rich.console import Console
 
     from hdagen.paper import produce
@@ -53,8 +69,10 @@ def run(options: argparse.Namespace) -> int:
 
     if options.names == ["list"]:
         titles = {figure.name: figure.title for figure in FIGURES}
-        lines = [f"{name:10} {title}" for name, title in titles.items()]
-        print(json.dumps(titles, indent=1, ensure_ascii=False) if options.json else "\n".join(lines))
+        if options.json:
+            print(json.dumps(titles, indent=1, ensure_ascii=False))
+        else:
+            print("\n".join(f"{name:10} {title}" for name, title in titles.items()))
         return DONE
     figures = named(options.names)
     if options.out.exists() and not options.out.is_dir():
@@ -62,7 +80,9 @@ def run(options: argparse.Namespace) -> int:
     needed()
     begun, console, found, new = time.perf_counter(), Console(), {}, 0
     errors = Console(stderr=True)
-    processes = produce.processors() if len(figures) > 1 else 1
+    processes = 1
+    if len(figures) > 1:
+        processes = produce.processors()
 
     def say(words: str) -> None:
         errors.print(words, highlight=False, markup=False)
@@ -77,7 +97,9 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps({content["name"]: content["claims"] for content in contents}, indent=1, ensure_ascii=False))
     else:
         _print(console, figures, contents)
-        where = options.out / "index.html" if figures == FIGURES else options.out
+        where = options.out
+        if figures == FIGURES:
+            where /= "index.html"
         took = time.perf_counter() - begun
         console.print(f"{new} made, {len(figures) - new} left as they were, {took:.0f} s; see {where}", soft_wrap=True)
     return DONE
@@ -97,10 +119,11 @@ def _whole(out: Path, contents: list[dict[str, Any]]) -> None:
 
 
 def _print(console: Console, figures: tuple[Listed, ...], contents: list[dict[str, Any]]) -> None:
-    """What the paper says and what comes out, figure by figure."""
+    """Print each claim of the paper with the result here, figure by figure."""
     for figure, content in zip(figures, contents, strict=True):
         console.print(f"\n{figure.name}  {figure.title}", style="bold", highlight=False, markup=False)
         for claim in content["claims"]:
-            mark = MARK[claim["holds"]]
-            line = f"  the paper says: {claim['paper']}\n  here: {claim['here']}{f'  [{mark}]' if mark else ''}"
+            line = f"  the paper says: {claim['paper']}\n  here: {claim['here']}"
+            if mark := MARK[claim["holds"]]:
+                line += f"  [{mark}]"
             console.print(line, highlight=False, markup=False, soft_wrap=True)

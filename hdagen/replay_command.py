@@ -1,4 +1,4 @@
-"""`hdagen replay`: a log simulated again from what was commanded and pushed, and how far the model misses it."""
+"""`hdagen replay`: a log simulated again from its commands and forces, and how far the model misses it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,12 @@ DONE, USAGE, UNUSABLE = 0, 2, 3
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "replay",
         help="simulate a log again and say how far the model misses it",
@@ -73,33 +78,36 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Replay, write, print."""
+    """Replay a log, write the prediction, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        PlantError: An option is not possible, or a build fails.
+        LogError: The log cannot be read.
+
+    """
     from hdagen import verdict
     from hdagen.closed_loop import closed_loop, read_controller
     from hdagen.diagnosis.held_out import count_rows
+    from hdagen.diagnosis_file import read_content
     from hdagen.log import LogError, read, write
-    from hdagen.plant import PlantError
-    from hdagen.repair import as_measured, repair
     from hdagen.replay import WINDOW, check, replay
 
-    problems = _conflicts(options)
-    if problems:
-        raise PlantError("\n".join(problems))
-    stated = verdict.read(options.with_) if options.with_ else None
-    counted = verdict.read_content(options.rows_of) if options.rows_of else None
-    laws = read_controller(options.closed_loop) if options.closed_loop else None
+    _check(options)
+    stated = options.with_ and verdict.read(options.with_)
+    counted = options.rows_of and read_content(options.rows_of)
+    laws = options.closed_loop and read_controller(options.closed_loop)
     measured = read(
         options.log, options.columns, holes=counted is not None
     )  # before a model is compiled, which takes its time
     arm = _load(options, stated)
     check(arm, measured)
-    if counted is None:
-        measured, mended = as_measured(measured, arm)
-        notes, refusals = look(arm, measured)
-        notes += [one.sentence for one in mended]
-    else:  # the log as the diagnosis took it
-        (measured, _, seen), refusals = repair(measured, arm), []
-        notes = list(seen.warnings)
+    measured, notes, refusals = _repair(arm, measured, counted is not None)
     if refusals:
         print("\n".join(f"{options.log}: {sentence}" for sentence in refusals), file=sys.stderr)
         return UNUSABLE
@@ -120,8 +128,23 @@ def run(options: argparse.Namespace) -> int:
             print(error, file=sys.stderr)
             return USAGE
     notes = [*measured.notes, *notes, *found.notes, *said]
-    (_print_json if options.json else _print)(options, arm, measured, found, force, notes)
+    if options.json:
+        _print_json(options, arm, measured, found, force, notes)
+    else:
+        _print(options, arm, measured, found, force, notes)
     return DONE
+
+
+def _repair(arm: Arm, log: Log, diagnosed: bool) -> tuple[Log, list[str], list[str]]:
+    """The log with its repairs, notes and refusals; ``diagnosed``: as a diagnosis took it."""
+    from hdagen.repair import as_measured, repair
+
+    if diagnosed:
+        log, _, seen = repair(log, arm)
+        return log, list(seen.warnings), []
+    log, mended = as_measured(log, arm)
+    notes, refusals = look(arm, log)
+    return log, notes + [one.sentence for one in mended], refusals
 
 
 def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
@@ -131,13 +154,14 @@ def _load(options: argparse.Namespace, stated: Verdict | None) -> Arm:
 
     if options.built:
         return Arm(options.robot)
-    return (
-        verdict.with_effects(options.robot, options.profile, stated) if stated else load(options.robot, options.profile)
-    )
+    if stated:
+        return verdict.with_effects(options.robot, options.profile, stated)
+    return load(options.robot, options.profile)
 
 
-def _conflicts(options: argparse.Namespace) -> list[str]:
-    """What the options say that cannot be, before anything is built."""
+def _check(options: argparse.Namespace) -> None:
+    """Refuse options that are not possible, before anything is built. Raises PlantError."""
+    from hdagen.plant import PlantError
     from hdagen.table import unwritable
 
     problems = []
@@ -157,11 +181,21 @@ def _conflicts(options: argparse.Namespace) -> list[str]:
         problems += [f"--out {problem}" for problem in unwritable(options.out)]
         if os.path.exists(options.out) and os.path.exists(options.log) and options.out.samefile(options.log):
             problems.append(f"--out {options.out}: is the log itself, which would be lost; name another file.")
-    return problems
+    if problems:
+        raise PlantError("\n".join(problems))
 
 
 def look(arm: Arm, log: Log) -> tuple[list[str], list[str]]:
-    """Warnings and refusals of the triage of ``log`` as one of ``arm``."""
+    """Triage a log by the limits and sensors of a robot.
+
+    Args:
+        arm: The arm that the log is of.
+        log: The log.
+
+    Returns:
+        Warnings and refusals, in sentences.
+
+    """
     from hdagen.triage import triage
 
     joints = arm.robot["joints"]
@@ -198,6 +232,11 @@ def _force(arm: Arm, log: Log, options: argparse.Namespace) -> tuple[Array | Non
 def _print_json(
     options: argparse.Namespace, arm: Arm, log: Log, found: Replay, force: Array | None, notes: list[str]
 ) -> None:
+    gap, shares = None, None
+    if math.isfinite(found.gap):
+        gap = found.gap
+    if force is not None:
+        shares = [_finite_or_none(float(share)) for share in force]
     figures = {
         "log": str(options.log),
         "robot": arm.robot["name"],
@@ -207,13 +246,19 @@ def _print_json(
         "noise": found.noise,
         "relative": found.relative,
         "inputs": found.inputs,
-        "gap": found.gap if math.isfinite(found.gap) else None,
-        "force_error": None if force is None else [float(share) if math.isfinite(share) else None for share in force],
+        "gap": gap,
+        "force_error": shares,
         "rows_beyond_spring_law": found.beyond_law,
         "notes": notes,
-        "out": str(options.out) if options.out else None,
+        "out": options.out and str(options.out),
     }
     print(json.dumps(figures, indent=1))
+
+
+def _finite_or_none(value: float) -> float | None:
+    if math.isfinite(value):
+        return value
+    return None
 
 
 def _print(
@@ -223,23 +268,33 @@ def _print(
     from rich.markup import escape
     from rich.table import Table
 
-    windows = f"{len(found.starts)} window(s)" if len(found.starts) > 1 else "one window"
+    windows = "one window"
+    if len(found.starts) > 1:
+        windows = f"{len(found.starts)} window(s)"
     title = (
         f"{options.log.name}: {len(log)} rows, {log.time[-1] - log.time[0]:.4g} s in {windows} on {arm.robot['name']}"
     )
-    table = Table(title=escape(title), title_justify="left")
-    for heading in ("channel", "rms error", "unit", "of its rms", "of its noise"):
-        table.add_column(heading, justify="left" if heading in ("channel", "unit") else "right")
+    table = Table("channel", title=escape(title), title_justify="left")
+    table.add_column("rms error", justify="right")
+    table.add_column("unit")
+    table.add_column("of its rms", justify="right")
+    table.add_column("of its noise", justify="right")
     for name, error in found.errors.items():
-        share = f"{100 * found.relative[name]:.3g} %" if name in found.relative else ""
-        multiple = f"{error / found.noise[name]:.3g} x" if name in found.channels else ""
+        share = multiple = ""
         if name in found.inputs:
-            share, multiple = "", "input"
+            multiple = "input"
+        else:
+            if name in found.relative:
+                share = f"{100 * found.relative[name]:.3g} %"
+            if name in found.channels:
+                multiple = f"{error / found.noise[name]:.3g} x"
         table.add_row(name, f"{error:.4g}", _unit(arm, name), share, multiple)
     console = Console(highlight=False)
     console.print(table)
     if math.isfinite(found.gap):
-        channels = "channels that the model can err in" if found.inputs else "channels"
+        channels = "channels"
+        if found.inputs:
+            channels = "channels that the model can err in"
         console.print(f"gap {found.gap:.4g}: geometric mean over the {channels}, in multiples of noise", markup=False)
     if force is not None:
         said = ", ".join(f"joint {j} {100 * share:.2f} %" for j, share in enumerate(force, 1))
@@ -257,5 +312,9 @@ def _unit(arm: Arm, name: str) -> str:
     if "current" in quantity:
         return "A"
     if "torque" in quantity:
-        return "N" if slides and arm.parameters[f"ratio_{j}"] == 1.0 else "N m"  # at 1 rad/m they are the same number
-    return "m" if slides and quantity == "joint_position" else "rad"
+        if slides and arm.parameters[f"ratio_{j}"] == 1.0:  # at 1 rad/m N m and N are the same number
+            return "N"
+        return "N m"
+    if slides and quantity == "joint_position":
+        return "m"
+    return "rad"

@@ -46,8 +46,10 @@ class Place:
             return f"gravity[{self.key}]"
         if self.table == "top":
             return self.key
-        if self.table in ("joint", "drive"):
-            return f"joint[{self.joint}].{'drive.' if self.table == 'drive' else ''}{self.key}"
+        if self.table == "joint":
+            return f"joint[{self.joint}].{self.key}"
+        if self.table == "drive":
+            return f"joint[{self.joint}].drive.{self.key}"
         return f"{self.table}@{self.joint}.{self.key}"
 
 
@@ -56,23 +58,46 @@ class RobotFile:
 
     def __init__(self, raw: bytes, arm: Arm) -> None:
         self._robot, self._quantities = arm.robot, {q["name"]: q for q in arm.manifest["parameters"]}
-        self._bom = _BOM if raw.startswith(_BOM) else b""
+        self._bom, self._lines = b"", "\n"
+        if raw.startswith(_BOM):
+            self._bom = _BOM
         text = raw.removeprefix(_BOM).decode("utf-8")
-        self._lines = "\r\n" if "\r\n" in text else "\n"
+        if "\r\n" in text:
+            self._lines = "\r\n"
         text = text.replace("\r\n", "\n")
+        if not text.endswith("\n"):
+            text += "\n"
         try:
-            self._document = tomlkit.parse(text if text.endswith("\n") else text + "\n")
+            self._document = tomlkit.parse(text)
         except TOMLKitError as error:
             raise PlantError(f"{arm.robot['name']}: the robot file cannot be changed in place ({error}).") from None
 
     def text(self) -> bytes:
-        """The file as it is now."""
+        """Write the file as it is now.
+
+        Returns:
+            The bytes of the file.
+
+        """
         return self._bom + tomlkit.dumps(self._document).replace("\n", self._lines).encode("utf-8")
 
     def place(self, name: str, effect: str | None = None) -> Place:
-        """Where the parameter ``name`` of the model stands, or would; ``effect`` owns it if no table does yet."""
-        joint = self._quantities[name]["joint"]
-        key = name.removesuffix(f"_{joint}") if joint else name
+        """Find the place of a parameter in the file, or the place that it would have.
+
+        Args:
+            name: Name of the parameter in the model.
+            effect: The effect that owns the parameter if no table holds it yet.
+
+        Returns:
+            The place.
+
+        Raises:
+            PlantError: The parameter belongs to no key and no effect.
+
+        """
+        joint, key = self._quantities[name]["joint"], name
+        if joint:
+            key = name.removesuffix(f"_{joint}")
         if key in ("gravity_x", "gravity_y") and not joint:
             return Place("gravity", 0, "01"["xy".index(key[-1])])
         if joint and key in self._robot["joints"][joint - 1]["drive"]:
@@ -86,13 +111,29 @@ class RobotFile:
         return Place(owner, joint, key)
 
     def holds(self, place: Place) -> bool:
-        """Whether the file as it was read says the number, written or by default, and not only a table to be added."""
+        """Tell whether the file as it was read states a number, in writing or by a default.
+
+        Args:
+            place: Place of the number.
+
+        Returns:
+            Whether it does; not where the number stands in a table that is to be added.
+
+        """
         stated = ((effect["name"], effect["joint"]) for effect in self._robot["effects"])
         return place.table in ("top", "gravity", "joint", "drive") or (place.table, place.joint) in stated
 
     def put(self, place: Place, value: float, unit: str = "", share: float = 0.0) -> None:
-        """Change or add a number; ``share`` is its relative standard deviation, stated where an added number of an
-        effect has one above the file's tolerance."""
+        """Change or add a number.
+
+        Args:
+            place: Place of the number.
+            value: The number.
+            unit: Its unit, a comment of an added number.
+            share: Its relative standard deviation, which an added number of an effect states as its tolerance if it
+                is above the file's tolerance.
+
+        """
         if place.table == "gravity":
             entry = self._document["gravity"]
             _set(entry, int(place.key), value)
@@ -101,9 +142,12 @@ class RobotFile:
         elif place.table in ("joint", "drive"):
             self._put_key(place, value, unit)
         else:
-            table = self._effect(place)
-            tolerance = min(share, 10.0) if share > self._robot["tolerance"] else 0.0
-            _set(self._added(place) if table is None else table, place.key, value, unit, tolerance)
+            table, tolerance = self._effect(place), 0.0
+            if table is None:
+                table = self._added(place)
+            if share > self._robot["tolerance"]:
+                tolerance = min(share, 10.0)
+            _set(table, place.key, value, unit, tolerance)
 
     def drop_idle(self) -> None:
         """Take out the effects whose amplitudes are all 0: what is left computes the same, with less."""
@@ -118,7 +162,12 @@ class RobotFile:
                 del effects[k]
 
     def settle(self, wanted: Arm) -> None:
-        """Bring in line what hangs on changed numbers: lumped inertias, defaults that would follow a changed key."""
+        """Update the numbers that depend on changed ones: lumped inertias, and defaults that follow a changed key.
+
+        Args:
+            wanted: The arm with the parameters that the file shall have.
+
+        """
         for joint, stated in enumerate(self._robot["joints"], 1):
             table, drive = self._joint(joint), self._joint(joint)["drive"]
             changed = {
@@ -160,16 +209,21 @@ class RobotFile:
         drive, stated = table["drive"], self._robot["joints"][joint - 1]
         gear = {key: drive.pop(key) for key in ("catalogue", *_SHEET) if key in drive}
         if isinstance(drive, Table):
-            sheet = ", ".join(f"{key} = {value}" for key, value in gear.items())
-            began = f"{gear['catalogue']} of the catalogue" if "catalogue" in gear else sheet
+            began = ", ".join(f"{key} = {value}" for key, value in gear.items())
+            if "catalogue" in gear:
+                began = f"{gear['catalogue']} of the catalogue"
             drive.add(tomlkit.comment(f"began as {began}"))
         for key in _GEAR:
             if key not in drive and stated["drive"][key] is not None:
-                entry = stated["drive"][key]
-                _set(drive, key, entry["nominal"] if isinstance(entry, Mapping) else entry)
+                value = stated["drive"][key]
+                if isinstance(value, Mapping):
+                    value = value["nominal"]
+                _set(drive, key, value)
         if stated["limits"]["torque"] is not None:
-            limits = table.setdefault("limits", tomlkit.table() if isinstance(table, Table) else tomlkit.inline_table())
-            limits.setdefault("torque", stated["limits"]["torque"])
+            limits: Any = tomlkit.inline_table()
+            if isinstance(table, Table):
+                limits = tomlkit.table()
+            table.setdefault("limits", limits).setdefault("torque", stated["limits"]["torque"])
 
     def _joint(self, joint: int) -> Any:
         return self._document["joint"][joint - 1]
@@ -187,7 +241,9 @@ class RobotFile:
             self._document.add(tomlkit.nl())
             self._document.append("effect", tomlkit.aot())
         effects: Any = self._document["effect"]
-        table = tomlkit.table() if isinstance(effects, AoT) else tomlkit.inline_table()
+        table: Any = tomlkit.inline_table()
+        if isinstance(effects, AoT):
+            table = tomlkit.table()
         table["name"], table["joint"] = place.table, place.joint
         effects.append(table)
         return effects[-1]

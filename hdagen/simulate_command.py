@@ -22,7 +22,12 @@ LAWS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartes
 
 
 def add_parser(commands: Any) -> None:
-    """The command's arguments."""
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
     p = commands.add_parser(
         "simulate",
         help="drive the compiled arm around a circle, push it, and write the log",
@@ -74,7 +79,18 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Simulate, write, print."""
+    """Simulate a closed loop, write its log, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        PlantError: An option is not possible, or a build fails.
+
+    """
     from rich.console import Console
     from rich.progress import Progress
 
@@ -120,7 +136,7 @@ def _path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
     from hdagen.reference import circle
 
     reach = sum(joint["length"]["nominal"] for joint in arm.robot["joints"])
-    center = tuple(options.center) if options.center else (2 * reach / 3, 0.0)
+    center = tuple(options.center or (2 * reach / 3, 0.0))
     return circle(options.radius, center, options.turn, options.seconds, period)
 
 
@@ -133,7 +149,9 @@ def _predictive(options: argparse.Namespace) -> int:
     from hdagen.reference import to_joints
     from hdagen.simulation import Push, Sensors
 
-    c = read(options.config) if options.config else Configuration()
+    c = Configuration()
+    if options.config:
+        c = read(options.config)
     if options.gain:
         raise PlantError("--gain is of the other controllers; the predictive one takes --config controller.toml.")
     if options.built:
@@ -145,12 +163,10 @@ def _predictive(options: argparse.Namespace) -> int:
     pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
     found, result = simulated(arm, c, path, pushes, Sensors(delay=options.delay), options.seed, options.out)
     if options.json:
-        print(
-            json.dumps(
-                {"log": str(options.out), "record": str(beside(options.out)), **(asdict(result) if result else {})},
-                indent=1,
-            )
-        )
+        figures: dict[str, Any] = {"log": str(options.out), "record": str(beside(options.out))}
+        if result:
+            figures |= asdict(result)
+        print(json.dumps(figures, indent=1))
     else:
         print(f"{options.out} and {beside(options.out)}: {len(found.times)} rows of {arm.robot['name']} under mpc")
         print("\n".join(lines(found, result)))
@@ -175,18 +191,22 @@ def _figures(arm: Arm, controller: Controller, path: Reference, result: Simulati
 
     from hdagen.simulation import ideal
 
-    cartesian = "mass_x" in controller.gains
-    goal = path.position + (ideal(arm, controller, result.push, path.period) if cartesian else 0.0)
+    against, goal = "the circle", path.position
+    if "mass_x" in controller.gains:
+        against = "the ideal mass-damper-spring motion"
+        goal = goal + ideal(arm, controller, result.push, path.period)
     gap = np.linalg.norm(result.tip - goal, axis=1)
-    refused = result.status[result.status < 0]
+    refused, first = result.status[result.status < 0], None
+    if len(refused):
+        first = controller.sentence(int(refused[0]))
     return {
-        "against": "the ideal mass-damper-spring motion" if cartesian else "the circle",
+        "against": against,
         "largest_gap": float(gap.max()),
         "rms_gap": float(np.sqrt(np.mean(gap**2))),
         "largest_ideal_displacement": float(np.linalg.norm(goal - path.position, axis=1).max()),
         "ticks_limited": int((result.status > 0).sum()),
         "ticks_refused": len(refused),
-        "first_refusal": controller.sentence(int(refused[0])) if len(refused) else None,
+        "first_refusal": first,
         "rows_beyond_spring_law": result.beyond_law,
     }
 
@@ -194,7 +214,9 @@ def _figures(arm: Arm, controller: Controller, path: Reference, result: Simulati
 def _print(figures: dict[str, Any]) -> None:
     largest, rms = 1e3 * figures["largest_gap"], 1e3 * figures["rms_gap"]
     print(f"tip against {figures['against']}: {largest:.2f} mm at most, {rms:.2f} mm rms")
-    why = f": {figures['first_refusal']}" if figures["ticks_refused"] else ""
+    why = ""
+    if figures["ticks_refused"]:
+        why = f": {figures['first_refusal']}"
     print(f"ticks limited {figures['ticks_limited']}, refused {figures['ticks_refused']}{why}")
     if beyond := figures["rows_beyond_spring_law"]:
         print(f"the torsion lay beyond the spring law in {beyond} rows; there the law is its tangent.")

@@ -4,16 +4,15 @@ them."""
 from __future__ import annotations
 
 import hashlib
-import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from hdagen.diagnosis_file import is_finite, read_content
 from hdagen.identity import identity
-from hdagen.input_file import InputFileError, read_json
-from hdagen.names import printable, shown, shown_path
+from hdagen.names import shown, shown_path
 from hdagen.plant import Arm, PlantError, load
 
 SCHEMA = 1
@@ -23,7 +22,6 @@ REACH = 3.0  # standard deviations of its tolerance that a base parameter may mo
 LEVEL = 0.13  # m/s² that gravity may move, three quarters of a degree: no base is quite level
 COMPLIANCE = "missing_compliance"  # the effect that changes what a drive is made of
 _ROUNDING = 1e-6  # of a range, by which a number may lie beyond its ends without a word
-LARGEST = 10_000_000  # bytes of a file
 _MOST = 200  # effects of a verdict
 _EFFECT = re.compile(r"([a-z][a-z0-9_]{0,47})@(0|[1-9][0-9]?)")
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
@@ -68,9 +66,22 @@ class Verdict:
 
 
 def read(given: str | Path | Mapping[str, Any]) -> Verdict:
-    """A diagnosis.json, or what it holds. Raises PlantError with every problem."""
-    source = "diagnosis" if isinstance(given, Mapping) else shown_path(given)
-    content = given if isinstance(given, Mapping) else read_content(Path(given))
+    """Read the verdict of a diagnosis.
+
+    Args:
+        given: A diagnosis.json, or its content.
+
+    Returns:
+        The verdict.
+
+    Raises:
+        PlantError: It cannot be read, is of another schema, or contradicts itself; the message has every problem.
+
+    """
+    if isinstance(given, Mapping):
+        source, content = "diagnosis", given
+    else:
+        source, content = shown_path(given), read_content(Path(given))
     if type(content.get("schema")) is not int or content["schema"] != SCHEMA:
         found = shown(content.get("schema"))
         raise PlantError(f"{source}: schema is {found}, possible is {SCHEMA}: diagnose again with this version.")
@@ -83,21 +94,7 @@ def read(given: str | Path | Mapping[str, Any]) -> Verdict:
     elif len(stated) > _MOST:
         problems.append(f"{source}, verdict: found {len(stated)} effects, possible are {_MOST}; diagnose again.")
         stated = []
-    effects, unknown = [], []
-    for k, entry in enumerate(stated):
-        match = _EFFECT.fullmatch(entry) if isinstance(entry, str) else None
-        if not match:
-            problems.append(f"{source}, verdict: found {shown(entry)}, possible is name@joint, as stribeck_friction@2.")
-        elif stated.index(entry) < k:
-            problems.append(f"{source}, verdict: {entry} stands there twice; diagnose again.")
-        elif match[1] == "unknown":
-            unknown.append(int(match[2]))
-        elif not causes.get((match[1], int(match[2]))):
-            problems.append(f"{source}, causes: {entry} is in the verdict and has no parameters here; diagnose again.")
-        else:
-            name, joint = match[1], int(match[2])
-            values = _numbers(causes[name, joint], f"{source}, causes, {entry}", f"_{joint}" if joint else "", problems)
-            effects.append(Named(name, joint, values))
+    effects, unknown = _effects(stated, causes, source, problems)
     base = _numbers(content.get("parameters", {}), f"{source}, parameters", "", problems)
     robot = _robot(content.get("robot"), source, problems)
     if problems:
@@ -107,9 +104,45 @@ def read(given: str | Path | Mapping[str, Any]) -> Verdict:
     return Verdict(source, tuple(effects), tuple(unknown), base, robot, _widths(content.get("parameters", {})))
 
 
+def _effects(
+    stated: list[Any], causes: Mapping[tuple[str, int], Any], source: str, problems: list[str]
+) -> tuple[list[Named], list[int]]:
+    """The effects of a verdict, and the joints of gaps that no effect explains."""
+    effects, unknown = [], []
+    for k, entry in enumerate(stated):
+        match = _EFFECT.fullmatch(str(entry))
+        if not match or not isinstance(entry, str):
+            problems.append(f"{source}, verdict: found {shown(entry)}, possible is name@joint, as stribeck_friction@2.")
+        elif stated.index(entry) < k:
+            problems.append(f"{source}, verdict: {entry} stands there twice; diagnose again.")
+        elif match[1] == "unknown":
+            unknown.append(int(match[2]))
+        elif not causes.get((match[1], int(match[2]))):
+            problems.append(f"{source}, causes: {entry} is in the verdict and has no parameters here; diagnose again.")
+        else:
+            name, joint, suffix = match[1], int(match[2]), f"_{match[2]}"
+            if joint == 0:
+                suffix = ""
+            values = _numbers(causes[name, joint], f"{source}, causes, {entry}", suffix, problems)
+            effects.append(Named(name, joint, values))
+    return effects, unknown
+
+
 def with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
-    """The model of ``robot`` with the verdict's effects in it, at the robot file's parameters. Raises PlantError: where
-    the diagnosis is of another robot, or of its file before it was changed, too."""
+    """Load a robot with the verdict's effects in its model, at the parameters of the robot file.
+
+    Args:
+        robot: A preset or the path of a robot.toml.
+        profile: Profile of the build, "portable" or "native".
+        verdict: The verdict.
+
+    Returns:
+        The arm.
+
+    Raises:
+        PlantError: The diagnosis is of another robot, the robot file has changed since, or no model can be built.
+
+    """
     arm = load(robot, profile)
     _fits(arm, verdict)
     if verdict.robot is not None:
@@ -124,7 +157,19 @@ def with_effects(robot: str | Path, profile: str, verdict: Verdict) -> Arm:
 
 
 def applied(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
-    """A copy of ``arm`` with the verdict's parameters, and what there is to say. Raises PlantError."""
+    """Copy an arm with the verdict's parameters.
+
+    Args:
+        arm: An arm whose model has the verdict's effects.
+        verdict: The verdict.
+
+    Returns:
+        The copy, and notes in sentences.
+
+    Raises:
+        PlantError: The model lacks an effect or a parameter of the verdict.
+
+    """
     _fits(arm, verdict)
     absent = ", ".join(f'"{name}"' for name in _absent(arm, verdict))
     if absent:
@@ -163,8 +208,19 @@ def applied(arm: Arm, verdict: Verdict) -> tuple[Arm, list[str]]:
 
 
 def silent(moved: float, std: float, prior: float) -> bool:
-    """Whether a log said nothing of a base parameter: its width ``std`` is as before (``prior``), and it ``moved`` next
-    to nothing. One that moved stays moved, although its width is: the log may tell it together with others."""
+    """Tell whether a log said nothing of a base parameter: its deviation is as before, and it hardly moved.
+
+    A parameter that moved counts although its deviation is as before: the log may tell it together with others.
+
+    Args:
+        moved: Difference from the robot file.
+        std: Standard deviation after the log.
+        prior: Standard deviation before it.
+
+    Returns:
+        Whether the log said nothing.
+
+    """
     return prior > 0.0 and std >= UNTOLD * prior and abs(moved) <= STILL * prior
 
 
@@ -178,7 +234,7 @@ def rigid(arm: Arm, stated: Mapping[str, float]) -> dict[str, float]:
 
 
 def _fits(arm: Arm, verdict: Verdict) -> None:
-    """Refuses a diagnosis of a robot with more joints."""
+    """Refuse a diagnosis of a robot with more joints."""
     stated = [(effect.name, effect.joint) for effect in verdict.effects] + [("unknown", j) for j in verdict.unknown]
     beyond = [f"{name}@{joint}" for name, joint in stated if joint > arm.n]
     if beyond:
@@ -189,7 +245,7 @@ def _fits(arm: Arm, verdict: Verdict) -> None:
 
 
 def _robot(stated: Any, source: str, problems: list[str]) -> Diagnosed | None:
-    """What was diagnosed."""
+    """The robot that was diagnosed."""
     if isinstance(stated, Mapping):
         name, same, digest = stated.get("name"), stated.get("identity"), stated.get("sha256", 0)
         if isinstance(name, str) and isinstance(same, str | None) and isinstance(digest, str | None):
@@ -200,8 +256,8 @@ def _robot(stated: Any, source: str, problems: list[str]) -> Diagnosed | None:
 
 
 def _same(robot: str | Path, arm: Arm, source: str, diagnosed: Diagnosed) -> None:
-    """Refuses a ``robot`` whose numbers are not those that were diagnosed; where a diagnosis knows no more of them than
-    the bytes of their file, one of another name or of other bytes."""
+    """Refuse a ``robot`` with other numbers than the diagnosed one. Of an older diagnosis, which has only the hash of
+    the file, refuse one of another name or of other bytes."""
     name, own = diagnosed.name, arm.robot["name"]
     if diagnosed.identity == identity(arm.robot):
         return
@@ -237,42 +293,6 @@ def _absent(arm: Arm, verdict: Verdict) -> tuple[str, ...]:
     )
 
 
-def read_content(path: Path) -> Mapping[str, Any]:
-    """What a diagnosis.json holds: an object whose numbers are all finite. Raises PlantError."""
-    try:
-        content = read_json(path, LARGEST, "name a diagnosis.json that hdagen diagnose wrote")
-    except InputFileError as error:
-        raise PlantError(error) from None
-    if not isinstance(content, dict):
-        raise PlantError(
-            f"{shown_path(path)}: found {shown(content)}, possible is a JSON object; name a diagnosis.json."
-        )
-    if (where := next(find_infinite(content), None)) is not None:
-        raise PlantError(f"{shown_path(path)}{printable(where):.200}")
-    return content
-
-
-def find_infinite(content: Mapping[str, Any]) -> Iterator[str]:
-    """Find numbers that are none.
-
-    Args:
-        content: of a JSON file.
-
-    Returns:
-        A sentence about where each stands: what is written is finite throughout.
-
-    """
-    left: list[tuple[str, Any]] = [("", content)]
-    while left:
-        where, value = left.pop()
-        if isinstance(value, Mapping):
-            left += [(f"{where}, {name}", entry) for name, entry in value.items()]
-        elif isinstance(value, list):
-            left += [(f"{where}[{k}]", entry) for k, entry in enumerate(value)]
-        elif isinstance(value, int | float) and not _finite(value):
-            yield f"{where}: found {shown(value)}, possible is a finite number; diagnose again."
-
-
 def _causes(content: Mapping[str, Any], source: str, problems: list[str]) -> dict[tuple[str, int], Any]:
     """Parameters of every cause by effect and joint."""
     causes = content.get("causes", [])
@@ -298,10 +318,12 @@ def _numbers(values: Any, where: str, suffix: str, problems: list[str]) -> dict[
         return {}
     found = {}
     for name, entry in values.items():
-        value = entry.get("value") if isinstance(entry, Mapping) else entry
+        value = entry
+        if isinstance(entry, Mapping):
+            value = entry.get("value")
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             problems.append(f"{where}: {shown(name)} is no name of a parameter.")
-        elif isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value):
+        elif isinstance(value, bool) or not isinstance(value, int | float) or not is_finite(value):
             problems.append(f"{where}, {name}: found {shown(value)}, possible is a finite number; diagnose again.")
         else:
             found[name + suffix] = float(value)
@@ -312,18 +334,14 @@ def _widths(parameters: Mapping[str, Any]) -> dict[str, tuple[float, float | Non
     """Standard deviations of the parameters that have one, after the log and before."""
     found = {}
     for name, entry in parameters.items():
-        std, prior = (entry.get(key) if isinstance(entry, Mapping) else None for key in ("std", "prior"))
-        if _is_width(std):
-            found[name] = std, prior if _is_width(prior) else None
+        if not isinstance(entry, Mapping) or not _is_width(entry.get("std")):
+            continue
+        prior = entry.get("prior")
+        if not _is_width(prior):
+            prior = None
+        found[name] = entry["std"], prior
     return found
 
 
 def _is_width(value: Any) -> TypeGuard[float]:
-    return not isinstance(value, bool) and isinstance(value, int | float) and _finite(value) and value >= 0
-
-
-def _finite(value: float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # a whole number beyond the doubles
-        return False
+    return not isinstance(value, bool) and isinstance(value, int | float) and is_finite(value) and value >= 0

@@ -29,7 +29,7 @@ import numpy as np
 from gen.presets import presets
 from gen.robot import RobotError
 from gen.robot import load as load_robot
-from hdagen import fleet, fleet_page, verdict
+from hdagen import fleet, fleet_file, fleet_page, verdict
 from hdagen.blind import calibrate
 from hdagen.closed_loop import read_controller
 from hdagen.diagnosis import calibration
@@ -212,7 +212,7 @@ def kinds(folder: Path) -> tuple[Kind, ...]:
         Kind("log.mat", mats(folder), looked_at, 0),  # by a process each: asked for by name
         Kind("columns.toml", {"columns": COLUMNS.encode()}, through, 12),
         Kind("robot.toml", robots, load_robot, 10),
-        Kind("fleet.toml", {"fleet": FLEET.encode()}, lambda path: fleet.read(beside(path, folder)), 8),
+        Kind("fleet.toml", {"fleet": FLEET.encode()}, lambda path: fleet_file.read(beside(path, folder)), 8),
         Kind("controller.toml", {"controller": CONTROLLER.encode()}, read_controller, 8),
         Kind("mpc.toml", {"predictive": PREDICTIVE.encode()}, read_configuration, 8),
         Kind("diagnosis.json", {"diagnosis": json.dumps(DIAGNOSIS).encode()}, verdict.read, 10),
@@ -244,7 +244,7 @@ def told(folder: Path) -> object:
         found = fleet._diagnosis(folder)
     except (fleet.InputFileError, ValueError) as error:
         raise PlantError(error) from None
-    machine = fleet.Machine("a", "paper", folder / "log.csv", None, None)
+    machine = fleet_file.Machine("a", "paper", folder / "log.csv", None, None)
     results = [fleet.Result(machine, fleet.Status.DIAGNOSED, diagnosis=found)]
     fleet.write(folder / "fleet.json", fleet.summary(results))
     fleet_page.write(folder / "fleet.html", folder / "fleet.toml", results)

@@ -17,10 +17,13 @@ from replayed import SENSORS
 from hdagen.__main__ import main
 from hdagen.control import Controller, Guard, Safe
 from hdagen.diagnosis.torsion import Between
-from hdagen.excite import ENOUGH, SEEN, TRUST, Excitation, excite, modelled, moved, separation, weighed
+from hdagen.excite import ENOUGH, TRUST, Excitation, excite, modelled, separation, weighed
+from hdagen.least_motion import SEEN, moved
+from hdagen.motion_limits import limits_of, middle
+from hdagen.motion_shapes import motions
 from hdagen.plant import Arm, PlantError, load
 from hdagen.reference import Reference
-from hdagen.safe_motion import MARGIN, Kept, follow, keep, limits_of, middle, motions, with_size
+from hdagen.safe_motion import MARGIN, Kept, follow, keep, with_size
 from hdagen.simulation import Sensors, run
 from hdagen.table import read_parquet
 

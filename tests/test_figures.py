@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from hdagen import figures
+from hdagen import figures, measured_tables
 from hdagen.bench import Bar
 
 ROOT = Path(__file__).parents[1]
@@ -48,12 +48,12 @@ def test_a_missed_bar_stands_there_as_missed(found: dict[str, Any]) -> None:
     changed = copy.deepcopy(found)
     (bar,) = (bar for bar in changed["bench"]["bars"] if bar["name"] == "python_call_over_empty_call")
     bar |= {"bar": 150.0, "reached": 165.0, "met": False}
-    for table in (figures.reached, figures.bench):
+    for table in (measured_tables.reached, measured_tables.bench):
         (line,) = (line for line in table(changed).splitlines() if "165" in line)
         assert "at most 150 ns" in line
         assert "**missed by 10 %**" in line
     bar |= {"reached": 140.0, "met": True}
-    (line,) = (line for line in figures.bench(changed).splitlines() if "python_call_over_empty_call" in line)
+    (line,) = (line for line in measured_tables.bench(changed).splitlines() if "python_call_over_empty_call" in line)
     assert "missed" not in line
 
 
@@ -87,9 +87,9 @@ def test_a_real_machine_s_page_says_what_is_there_and_what_remains(found: dict[s
 def test_a_figure_says_where_and_when_it_was_measured(found: dict[str, Any]) -> None:
     changed = copy.deepcopy(found)
     changed["bench"]["machine"] |= {"date": "2031-02-03", "load": "0.1"}
-    assert "2031-02-03" in figures.reached(changed) and ", idle;" in figures.reached(changed)
+    assert "2031-02-03" in measured_tables.reached(changed) and ", idle;" in measured_tables.reached(changed)
     changed["bench"]["machine"]["load"] = "7.3"
-    assert "7.3 other programs" in figures.reached(changed)
+    assert "7.3 other programs" in measured_tables.reached(changed)
 
 
 def test_a_marker_alone_is_refused(found: dict[str, Any]) -> None:

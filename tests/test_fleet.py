@@ -21,9 +21,10 @@ from pathlib import Path
 import pytest
 from hostile_names import NAME, check_escaped
 
-from hdagen import fleet, fleet_page
+from hdagen import fleet, fleet_file, fleet_page
 from hdagen.__main__ import main
-from hdagen.fleet import Machine, Result, Status
+from hdagen.fleet import Result, Status
+from hdagen.fleet_file import Machine
 from hdagen.plant import PlantError
 
 STAND_IN = """
@@ -123,7 +124,7 @@ def test_each_machine_ends_as_its_program_does(
     asked: Callable[..., Path], stand_in: tuple[str, ...], tmp_path: Path
 ) -> None:
     said: list[str] = []
-    results, interrupted = fleet.diagnose(fleet.read(asked(**FOUR)), tmp_path / "out", 2, said.append, stand_in)
+    results, interrupted = fleet.diagnose(fleet_file.read(asked(**FOUR)), tmp_path / "out", 2, said.append, stand_in)
     assert not interrupted
     assert ended(results) == {
         "a": "diagnosed", "b": "refused", "c": "failed", "d": "diagnosed", "e": "diagnosed", "f": "failed"
@@ -143,7 +144,7 @@ def test_what_is_finished_is_kept_until_its_files_change(
 ) -> None:
     def again() -> list[str]:
         calls()
-        machines = fleet.read(tmp_path / "fleet.toml")
+        machines = fleet_file.read(tmp_path / "fleet.toml")
         results, _ = fleet.diagnose(machines, tmp_path / "out", 2, silent, stand_in)
         found = calls()
         assert [one.machine.name for one in results if not one.kept] == found
@@ -171,9 +172,9 @@ def test_what_is_finished_is_kept_until_its_files_change(
 def test_a_log_that_is_refused_now_leaves_no_older_diagnosis(
     asked: Callable[..., Path], stand_in: tuple[str, ...], tmp_path: Path
 ) -> None:
-    fleet.diagnose(fleet.read(asked(a="find payload@2")), tmp_path / "out", 1, silent, stand_in)
+    fleet.diagnose(fleet_file.read(asked(a="find payload@2")), tmp_path / "out", 1, silent, stand_in)
     assert (tmp_path / "out" / "a" / "diagnosis.json").exists()
-    results, _ = fleet.diagnose(fleet.read(asked(a="refuse")), tmp_path / "out", 1, silent, stand_in)
+    results, _ = fleet.diagnose(fleet_file.read(asked(a="refuse")), tmp_path / "out", 1, silent, stand_in)
     assert ended(results) == {"a": "refused"}
     assert sorted(path.name for path in (tmp_path / "out" / "a").iterdir()) == ["machine.json", "said.txt"]
 
@@ -228,7 +229,7 @@ def test_an_interrupt_keeps_what_is_finished_and_stops_the_rest(
     assert not (tmp_path / "out" / "b" / "machine.json").exists()
     calls()
     (tmp_path / "b.csv").write_text("find")
-    results, interrupted = fleet.diagnose(fleet.read(path), tmp_path / "out", 1, silent, stand_in)
+    results, interrupted = fleet.diagnose(fleet_file.read(path), tmp_path / "out", 1, silent, stand_in)
     assert not interrupted and calls() == ["b", "c"] and set(ended(results).values()) == {"diagnosed"}
 
 
@@ -236,7 +237,7 @@ def test_one_that_takes_too_long_is_stopped(
     asked: Callable[..., Path], stand_in: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fleet, "_LONGEST", 0.3)
-    results, _ = fleet.diagnose(fleet.read(asked(a="sleep")), tmp_path / "out", 1, silent, stand_in)
+    results, _ = fleet.diagnose(fleet_file.read(asked(a="sleep")), tmp_path / "out", 1, silent, stand_in)
     assert ended(results) == {"a": "failed"} and results[0].says == ("it was stopped after 0.3 s.",)
 
 
@@ -245,7 +246,7 @@ def test_a_folder_that_cannot_be_made_fails_its_machine_alone(
 ) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "a").write_text("a file")
-    results, _ = fleet.diagnose(fleet.read(asked(a="find", b="find")), tmp_path / "out", 1, silent, stand_in)
+    results, _ = fleet.diagnose(fleet_file.read(asked(a="find", b="find")), tmp_path / "out", 1, silent, stand_in)
     assert ended(results) == {"a": "failed", "b": "diagnosed"} and str(tmp_path / "out" / "a") in results[0].says[0]
 
 
@@ -300,7 +301,7 @@ def test_the_exit_code_says_the_worst(asked: Callable[..., Path], command: Calla
 def test_names_of_machines_are_text_and_nothing_else(asked: Callable[..., Path], tmp_path: Path) -> None:
     path = asked(a="find")
     path.write_text(path.read_text() + 'name = "Prüfstand 3 - links"\n')
-    (machine,) = fleet.read(path)
+    (machine,) = fleet_file.read(path)
     found = {
         "verdict": ["unknown@0"],
         "sure": False,
@@ -329,7 +330,7 @@ def test_all_that_is_wrong_in_a_fleet_toml_is_said_at_once(tmp_path: Path) -> No
         '[[machine]]\nrobot = "paper"\nlog = "log.csv"\n[[machine]]\nrobot = "paper"\nlog = "log.csv"\nname = "LOG"\n'
     )
     with pytest.raises(PlantError) as raised:
-        fleet.read(tmp_path / "fleet.toml")
+        fleet_file.read(tmp_path / "fleet.toml")
     said = str(raised.value).removeprefix(f"{tmp_path / 'fleet.toml'}: ").split(f"\n{tmp_path / 'fleet.toml'}: ")
     assert said == [
         "unknown key 'jobs'; possible is [[machine]], one a log.",
@@ -350,9 +351,9 @@ def test_all_that_is_wrong_in_a_fleet_toml_is_said_at_once(tmp_path: Path) -> No
 def test_what_is_no_fleet_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "fleet.toml").write_text(text)
     with pytest.raises(PlantError, match=r"fleet\.toml: "):
-        fleet.read(tmp_path / "fleet.toml")
+        fleet_file.read(tmp_path / "fleet.toml")
     with pytest.raises(PlantError, match="cannot be read"):
-        fleet.read(tmp_path / "none.toml")
+        fleet_file.read(tmp_path / "none.toml")
 
 
 def test_options_that_exclude_each_other_are_refused(

@@ -22,7 +22,7 @@ from gen.compile import CompileError, find
 from gen.robot import RobotError
 from gen.robot import load as load_robot
 from hdagen import __main__ as command
-from hdagen import closed_loop, fleet, input_file, table, verdict
+from hdagen import closed_loop, fleet_file, input_file, table, verdict
 from hdagen.blind import calibrate
 from hdagen.diagnosis import calibration
 from hdagen.log import LogError, read, write
@@ -40,7 +40,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "mat": (".mat", read),
     "columns": (".toml", lambda path: read(good(path.parent), path)),
     "robot": (".toml", load_robot),
-    "fleet": (".toml", fleet.read),
+    "fleet": (".toml", fleet_file.read),
     "controller": (".toml", closed_loop.read_controller),
     "predictive": (".toml", configuration.read),
     "diagnosis": (".json", verdict.read),

@@ -32,7 +32,8 @@ from hdagen.diagnosis.sentences import confounded, sentence
 from hdagen.diagnosis.standing import known
 from hdagen.diagnosis.unseen_motion import UnseenMotion
 from hdagen.diagnosis.whereabouts import where
-from hdagen.fleet import Machine, Result, Status, summary
+from hdagen.fleet import Result, Status, summary
+from hdagen.fleet_file import Machine
 from hdagen.log import Log
 from hdagen.plant import Arm
 from hdagen.replay import replay

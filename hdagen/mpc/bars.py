@@ -18,7 +18,7 @@ RUNS = 20  # random runs, unless told otherwise
 
 @dataclass(frozen=True)
 class Bar:
-    """A figure and what it has to reach; ``kind`` "least" or "most"."""
+    """A figure beside the number that it has to reach at ``kind`` "least" or "most"."""
 
     name: str
     kind: str
@@ -27,13 +27,24 @@ class Bar:
 
     @property
     def met(self) -> bool:
-        """Whether it does."""
-        return self.reached >= self.asked if self.kind == "least" else self.reached <= self.asked
+        """Whether the figure meets the bar."""
+        if self.kind == "least":
+            return self.reached >= self.asked
+        return self.reached <= self.asked
+
+    @property
+    def missed_by(self) -> float:
+        """Share of the bar by which the figure misses it."""
+        if self.kind == "most":
+            return self.reached / self.asked - 1
+        if self.reached:
+            return self.asked / self.reached - 1
+        return float("inf")
 
 
 @dataclass(frozen=True)
 class Bench:
-    """All of it; what --quick leaves out is None or empty."""
+    """All measurements; those that a quick run leaves out are None or empty."""
 
     timing: Timing
     scaling: Scaling | None
@@ -45,10 +56,25 @@ class Bench:
 
 
 def bench(profile: str, quick: bool, runs: int, say: Callable[[str], None]) -> Bench:
-    """Measure and judge. Raises PlantError."""
-    timed = timing.bench(profile, 3.0 if quick else 8.0, 10 if quick else 5, say)
+    """Measure the predictive controller and judge it by its bars.
+
+    Args:
+        profile: Profile of the builds, "portable" or "native".
+        quick: Whether only the solvers are timed, on a shorter loop.
+        runs: Count of random runs.
+        say: Hears the name of each measurement as it begins.
+
+    Returns:
+        All measurements and bars.
+
+    Raises:
+        PlantError: A build fails, or a closed loop is refused.
+
+    """
     if quick:
+        timed = timing.bench(profile, 3.0, 10, say)
         return Bench(timed, None, None, (), None, (), _timed(timed))
+    timed = timing.bench(profile, 8.0, 5, say)
     sizes, boxed = scaling.scaling(profile, say), scaling.box(profile)
     loops = converged.loops(profile, say)
     compared, driven = comparison.compare(profile, say), []
@@ -69,7 +95,8 @@ def _timed(found: Timing) -> tuple[Bar, ...]:
 
 
 def _grown(found: Scaling) -> tuple[Bar, ...]:
-    nodes, joints = (max(exponents[k] for exponents in found.exponents.values()) for k in range(2))
+    nodes = max(by_nodes for by_nodes, _ in found.exponents.values())
+    joints = max(by_joints for _, by_joints in found.exponents.values())
     return (
         Bar("exponent of the cost in nodes", "most", scaling.LINEAR, nodes),
         Bar("exponent of the cost in joints", "most", scaling.CUBIC, joints),
@@ -99,15 +126,25 @@ def _followed(loops: tuple[Loop, ...], found: Comparison, runs: tuple[RandomRun,
 
 
 def lines(found: Bench) -> list[str]:
-    """What to print."""
+    """Format all measurements for a terminal.
+
+    Args:
+        found: The measurements.
+
+    Returns:
+        Lines of text.
+
+    """
     out = timing.lines(found.timing)
     if found.scaling is not None and found.box is not None:
         out += scaling.lines(found.scaling, found.box)
-    out += converged.lines(found.loops) if found.loops else []
-    out += comparison.lines(found.comparison, found.runs) if found.comparison else []
+    if found.loops:
+        out += converged.lines(found.loops)
+    if found.comparison:
+        out += comparison.lines(found.comparison, found.runs)
     for bar in found.bars:
-        bound = "at least" if bar.kind == "least" else "at most"
-        missed = bar.reached / bar.asked if bar.kind == "most" else bar.asked / bar.reached if bar.reached else np.inf
-        verdict = "met" if bar.met else f"missed by {missed - 1:.0%}"
-        out.append(f"bar: {bar.name} {bound} {bar.asked:g}: {bar.reached:.3g}, {verdict}")
+        verdict = "met"
+        if not bar.met:
+            verdict = f"missed by {bar.missed_by:.0%}"
+        out.append(f"bar: {bar.name} at {bar.kind} {bar.asked:g}: {bar.reached:.3g}, {verdict}")
     return out

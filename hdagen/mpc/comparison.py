@@ -12,9 +12,10 @@ import numpy as np
 from hdagen.control import Controller
 from hdagen.mpc.configuration import Configuration, Wall, checked
 from hdagen.mpc.controller import MPC
+from hdagen.mpc.fitting import gains_of, limits_of
 from hdagen.mpc.jolt import Jolt, jolt
 from hdagen.mpc.jolt import line as jolted
-from hdagen.mpc.trials import Outcome, Trial, gains_of, outcome, trial
+from hdagen.mpc.trials import Outcome, Trial, outcome, trial
 from hdagen.mpc.tuned import METHOD, Tuned, tune
 from hdagen.plant import Arm, load
 from hdagen.reference import Reference, circle
@@ -53,8 +54,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The table, and how the admittance law was tuned. ``free``: distances where no limit is near by controller, m, one
-    for each seed of the sensors' noise, which is what remains of them."""
+    """The table, and how the admittance law was tuned. ``free``: by controller, the distances from the ideal motion
+    where no limit is near, m, one for each seed of the sensors' noise."""
 
     rows: tuple[Row, ...]
     free: Mapping[str, tuple[float, ...]]
@@ -77,7 +78,15 @@ class RandomRun:
 
 
 def courses(c: Configuration) -> Iterator[tuple[str, Reference, tuple[Push, ...], tuple[Wall, ...], Configuration]]:
-    """The courses: name, path, pushes, walls of the world, configuration."""
+    """Make the courses of the table.
+
+    Args:
+        c: The configuration, whose limits each course narrows or widens.
+
+    Yields:
+        Name, path, pushes, walls of the world, and the configuration of the course.
+
+    """
     path = circle(RADIUS, CENTER, TURN, SECONDS, float(c["mpc.period"]))
     away = tuple(replace(wall, offset=10.0) for wall in WALLS)
     yield "circle, pushed, no limit near", path, FREE, (), c.changed(away, limits__tip_speed=1.0)
@@ -85,12 +94,30 @@ def courses(c: Configuration) -> Iterator[tuple[str, Reference, tuple[Push, ...]
 
 
 def default() -> Configuration:
-    """The configuration of the table: two walls, a tip that moves at most 0.15 m/s, all else as it is."""
+    """Make the configuration of the table: two walls, a tip that moves at most 0.15 m/s, defaults otherwise.
+
+    Returns:
+        The configuration.
+
+    """
     return checked({"limits": {"tip_speed": 0.15, "sudden": SUDDEN}}, "table").changed(WALLS)
 
 
 def compare(profile: str = "native", say: Callable[[str], None] = lambda _: None, evaluations: int = 40) -> Comparison:
-    """Run the table."""
+    """Drive both courses with each of the three controllers.
+
+    Args:
+        profile: Profile of the build, "portable" or "native".
+        say: Hears the name of each run as it begins.
+        evaluations: Runs that the tuning of the admittance law may take.
+
+    Returns:
+        The table.
+
+    Raises:
+        PlantError: A build fails, or a controller refuses its configuration.
+
+    """
     c = default()
     say("building")
     arm = load("paper", profile, mpc=c)
@@ -116,9 +143,10 @@ def _free(
     arm: Arm, c: Configuration, controllers: Mapping[str, Controller], say: Callable[[str], None]
 ) -> dict[str, tuple[float, ...]]:
     _, way, pushes, walls, limits = next(courses(c))
+    """Median distances from the ideal motion where no limit is near, m, by controller, for each seed of the noise."""
     out = {}
     for name, controller in controllers.items():
-        say(f"noise anew: {name}")
+        say(f"other noise: {name}")
         if isinstance(controller, MPC):
             controller.configure_with(limits)
         runs = [trial(arm, controller, way, pushes, Sensors(), walls, seed) for seed in range(1, SEEDS + 1)]
@@ -129,8 +157,23 @@ def _free(
 def random_runs(
     count: int, tuned: dict[str, float], profile: str = "native", first: int = 0, out: Path | None = None
 ) -> Iterator[RandomRun]:
-    """Random runs: sizes of pushes, parameters off by up to 10 %, sensor noise, a delay of 1 to 3 ticks that the
-    stamps tell of."""
+    """Drive random runs: sizes of pushes, parameters off by up to 10 %, sensor noise, and a delay of 1 to 3 ticks of
+    which the stamps tell the controller.
+
+    Args:
+        count: Count of runs.
+        tuned: Gains of the admittance law.
+        profile: Profile of the builds.
+        first: Seed of the first run; each further run adds 1.
+        out: Folder of the builds; None: the usual one.
+
+    Yields:
+        One run after the other.
+
+    Raises:
+        PlantError: A build fails, or a controller refuses its configuration.
+
+    """
     c = default()
     arm, plant = (load("paper", profile, out=out, mpc=c) for _ in range(2))
     far = c.changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0)
@@ -155,7 +198,16 @@ def random_runs(
 
 
 def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
-    """The table as text: the tip against the ideal admittance motion, what was broken and pressed; then the runs."""
+    """Format the table for a terminal, then the random runs.
+
+    Args:
+        found: The table.
+        runs: Random runs, or none.
+
+    Returns:
+        Lines of text: the tip against the ideal motion, broken limits, contact forces.
+
+    """
     heads = ("median", "largest", "after release", "contact N", "refused")
     out = [f"tip against the ideal admittance motion, mm:{'':16}" + "".join(f"{h:>15}" for h in heads)]
     for row in found.rows:
@@ -175,7 +227,8 @@ def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
     out.append(f"random runs: {len(runs)}; inputs legal in {legal}, soft limits kept to what is allowed in {held}")
     for name in runs[0].predictive.violated:
         out.append(f"  largest excess of {name}: {max(one.predictive.violated[name] for one in runs):.3g}")
-    ours, theirs = (np.array([getattr(one, who).distance for one in runs]) for who in ("free", "admittance"))
+    ours = np.array([one.free.distance for one in runs])
+    theirs = np.array([one.admittance.distance for one in runs])
     refused = sum(one.free.refused > 0 for one in runs)
     lost = sum(one.admittance.refused > 0 for one in runs)
     where = f"mpc {1e3 * np.median(ours):.3f} mm, admittance {1e3 * np.median(theirs):.3f} mm"
@@ -185,14 +238,24 @@ def lines(found: Comparison, runs: Sequence[RandomRun] = ()) -> list[str]:
 
 
 def kept(arm: Arm, c: Configuration, found: Outcome) -> bool:
-    """Whether every soft limit was kept to what is allowed: 1 mm at walls, 0.005 rad, 2 % of speeds and torques."""
-    from hdagen.mpc.fitting import limits_of
+    """Tell whether every soft limit was kept within its allowance: 1 mm at walls, 0.005 rad, 2 % of speeds and torques.
 
+    Args:
+        arm: The controller's arm.
+        c: The configuration.
+        found: The numbers of a run.
+
+    Returns:
+        Whether no excess is larger than its allowance.
+
+    """
     limits = limits_of(arm.robot, c)
     sizes = {"motor_speed": max(limits["motor_speed"]), "joint_torque": max(limits["joint_torque"])}
     sizes["tip_speed"] = float(c["limits.tip_speed"])
     for name, over in found.violated.items():
-        family = "wall" if name.startswith("wall") else name
+        family = name
+        if name.startswith("wall"):
+            family = "wall"
         if over > ALLOWED.get(family, SHARE * sizes.get(family, 0.0)):
             return False
     return True
@@ -210,7 +273,13 @@ def legal(controller: Controller, found: Trial) -> bool:
 
 
 def vary(plant: Arm, random: np.random.Generator) -> None:
-    """Draw the plant's parameters anew, each up to 10 % off its nominal value."""
+    """Draw the parameters of a plant, each up to 10 % off its nominal value.
+
+    Args:
+        plant: The arm, whose parameters are changed.
+        random: The generator to draw from.
+
+    """
     plant.parameters.reset()
     changed = {}
     for name, described in plant.parameters.described.items():

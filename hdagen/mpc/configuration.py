@@ -8,15 +8,17 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hdagen.input_file import InputFileError, read_toml
-from hdagen.mpc.fitting import nearest, refusals
+from hdagen.mpc.fitting import each, nearest, refusals
 from hdagen.mpc.keys import KEYS, TABLES, Key, keys
 from hdagen.names import meant, shown, shown_path
 from hdagen.plant import PlantError
 
 LARGEST = 100_000  # bytes of a controller.toml
 MOST_WALLS = 8
-THIN = 1e-8  # m: walls that leave less leave nothing
+THIN = 1e-8  # m: walls with less room than this between them leave none
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,17 @@ class Wall:
     force: float | None = None
     margin: float = 5e-4
 
+    @property
+    def give(self) -> float:
+        """How far the tip may press into the wall, m."""
+        if self.stiffness is None or self.force is None:
+            return 0.0
+        return self.force / self.stiffness
+
 
 @dataclass(frozen=True)
 class Configuration:
-    """What controller.toml says: ``values`` by "table.key", defaults filled in, and the walls."""
+    """The content of a controller.toml: ``values`` by "table.key" without the defaults, and the walls."""
 
     values: Mapping[str, Any] = field(default_factory=dict)
     walls: tuple[Wall, ...] = ()
@@ -53,28 +62,63 @@ class Configuration:
 
     @property
     def structure(self) -> str:
-        """What is fixed when the controller is compiled, as `python -m gen build --mpc` takes it."""
+        """The structure that is compiled into the controller, as `python -m gen build --mpc` takes it."""
         return f"nodes={len(self.grid)},walls={len(self.walls)},space={self['mpc.space']}"
 
     def changed(self, walls: tuple[Wall, ...] | None = None, **values: Any) -> Configuration:
-        """A copy with some values replaced, keys with "__" for the dot. Raises PlantError."""
+        """Copy the configuration with some values replaced.
+
+        Args:
+            walls: The new walls; None: as they are.
+            **values: New values by key, with "__" for the dot (``limits__tip_speed=0.2``).
+
+        Returns:
+            The changed configuration.
+
+        Raises:
+            PlantError: A value is unknown or not possible; the message has every problem.
+
+        """
         named = {name.replace("__", "."): value for name, value in values.items()}
         wanted = {**self.values, **named}
         tables: dict[str, Any] = {}
         for path, value in wanted.items():
             table, _, name = path.partition(".")
-            tables.setdefault(table, {})[name] = list(value) if isinstance(value, tuple) else value
-        kept = self.walls if walls is None else walls
-        tables["wall"] = [{**asdict(wall), "normal": list(wall.normal)} for wall in kept]
+            entries = tables.setdefault(table, {})
+            entries[name] = value
+            if isinstance(value, tuple):
+                entries[name] = list(value)
+        if walls is None:
+            walls = self.walls
+        tables["wall"] = [{**asdict(wall), "normal": list(wall.normal)} for wall in walls]
         return checked(tables, "configuration")
 
     def refusals(self, robot: Mapping[str, Any]) -> list[str]:
-        """Why it cannot be used with a robot, as a build's manifest describes it; one sentence a problem."""
+        """Find the reasons why the configuration does not fit a robot.
+
+        Args:
+            robot: Description of the robot, as the manifest of a build holds it.
+
+        Returns:
+            One sentence for each problem.
+
+        """
         return refusals(robot, self)
 
 
 def read(path: str | Path) -> Configuration:
-    """The configuration of a controller.toml. Raises PlantError with every problem."""
+    """Read a controller.toml.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The configuration.
+
+    Raises:
+        PlantError: The file cannot be read, or says something that is not possible; the message has every problem.
+
+    """
     try:
         content = read_toml(Path(path), LARGEST, "see docs/mpc.md for what a controller.toml holds")
     except InputFileError as error:
@@ -83,7 +127,19 @@ def read(path: str | Path) -> Configuration:
 
 
 def checked(content: Mapping[str, Any], where: str) -> Configuration:
-    """The configuration that the tables state. Raises PlantError with every problem."""
+    """Check the tables of a configuration.
+
+    Args:
+        content: Tables by name, as TOML gives them.
+        where: The source, for messages.
+
+    Returns:
+        The configuration.
+
+    Raises:
+        PlantError: A table, a key or a value is not possible; the message has every problem.
+
+    """
     problems: list[str] = []
     values: dict[str, Any] = {}
     for table, entries in content.items():
@@ -118,26 +174,37 @@ def _table(where: str, table: str, entries: Any, values: dict[str, Any], problem
 
 
 def _value(key: Key, value: Any) -> tuple[Any, str]:
-    """The value as it is used, and why it cannot be."""
-    begin, end = ("more than", "and at most") if key.open else ("from", "to")
-    span = f"{begin} {key.low:g} {end} {key.high:g}" + ("" if key.unit == "1" else f" {key.unit}")
+    """The value as it is used, and the possible values where it is not one of them."""
     if key.kind == "text":
-        return value, "" if value in key.choices else " or ".join(f'"{choice}"' for choice in key.choices)
+        if value in key.choices:
+            return value, ""
+        return value, " or ".join(f'"{choice}"' for choice in key.choices)
+    span = _span(key)
     if key.kind == "whole":
-        good = isinstance(value, int) and not isinstance(value, bool) and key.low <= value <= key.high
-        return value, "" if good else f"a whole number {span}"
+        if isinstance(value, int) and not isinstance(value, bool) and key.low <= value <= key.high:
+            return value, ""
+        return value, f"a whole number {span}"
     if key.kind == "number":
-        return (float(value), "") if _fits(key, value) else (None, f"a number {span}")
-    many = value if isinstance(value, list | tuple) else [value]
-    listed = key.kind in ("numbers", "point") and not isinstance(value, list | tuple)
-    if listed or not many or not all(_fits(key, v) for v in many) or (key.kind == "point" and len(many) != 2):
-        what = {"numbers": "a list of numbers", "point": "two numbers in brackets"}.get(
-            key.kind, "a number, or a list of them,"
-        )
-        return None, f"{what} {span}"
-    if key.kind in ("axes", "joints") and not isinstance(value, list | tuple):
+        if _fits(key, value):
+            return float(value), ""
+        return None, f"a number {span}"
+    if key.kind in ("axes", "joints") and not isinstance(value, list | tuple) and _fits(key, value):
         return float(value), ""
-    return tuple(float(v) for v in many), ""
+    listed = isinstance(value, list | tuple) and len(value) > 0 and all(_fits(key, v) for v in value)
+    if listed and (key.kind != "point" or len(value) == 2):
+        return tuple(float(v) for v in value), ""
+    nouns = {"numbers": "a list of numbers", "point": "two numbers in brackets"}
+    return None, f"{nouns.get(key.kind, 'a number, or a list of them,')} {span}"
+
+
+def _span(key: Key) -> str:
+    """The range of a key in words."""
+    span = f"from {key.low:g} to {key.high:g}"
+    if key.open:
+        span = f"more than {key.low:g} and at most {key.high:g}"
+    if key.unit == "1":
+        return span
+    return f"{span} {key.unit}"
 
 
 def _fits(key: Key, value: Any) -> bool:
@@ -168,13 +235,15 @@ def _walls(where: str, tables: Any, problems: list[str]) -> tuple[Wall, ...]:
             problems.append(f"{where}, wall {k}: normal has length {length:.4g}, possible is 1; divide by its length.")
         if (wall.stiffness is None) != (wall.force is None):
             problems.append(f"{where}, wall {k}: stiffness and force belong together; state both or neither.")
-        normal = (wall.normal[0] / length, wall.normal[1] / length) if length > 0 else wall.normal
+        normal = wall.normal
+        if length > 0:
+            normal = wall.normal[0] / length, wall.normal[1] / length
         walls.append(Wall(normal, wall.offset, wall.stiffness, wall.force, wall.margin))
     return tuple(walls)
 
 
 def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
-    """What no single key shows."""
+    """Problems that no single key shows."""
     grid = c.grid
     if c["mpc.grid"] is not None and "mpc.nodes" in c.values and len(grid) != c["mpc.nodes"]:
         problems.append(
@@ -207,16 +276,12 @@ def _contradictions(where: str, c: Configuration, problems: list[str]) -> None:
         problems.append(f"{where}: mpc.grid says how long each node lasts, and mpc.node too; state one of them.")
     low, high = c["limits.joint_low"], c["limits.joint_high"]
     if low is not None and high is not None:
-        pairs = zip(*(v if isinstance(v, tuple) else (v,) * _joints(low, high) for v in (low, high)), strict=False)
+        joints = max(np.size(low), np.size(high))
         problems += [
             f"{where}: limits.joint_low lies above limits.joint_high at joint {j}; correct them."
-            for j, (a, b) in enumerate(pairs, 1)
+            for j, (a, b) in enumerate(zip(each(low, joints), each(high, joints), strict=False), 1)
             if a >= b
         ]
-
-
-def _joints(*values: Any) -> int:
-    return max(len(v) if isinstance(v, tuple) else 1 for v in values)
 
 
 def _closed(walls: tuple[Wall, ...]) -> bool:

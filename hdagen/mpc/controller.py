@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hdagen.control import Controller, Guard, Safe
 from hdagen.mpc.configuration import Configuration, Wall
-from hdagen.mpc.fitting import each
+from hdagen.mpc.fitting import each, gains_of
 from hdagen.mpc.layout import FAMILIES, report_names, settings_of, torque_limits
 from hdagen.plant import Arm, Array, PlantError
 from hdagen.reference import Reference
@@ -25,8 +25,8 @@ RUNGS = ("on the plan", "on the last plan, shifted", "held by an impedance", "on
 
 @dataclass(frozen=True)
 class Report:
-    """What a tick did. ``active``, ``violated`` and ``foreseen`` by family of limits: rows of the plan at or beyond
-    their bound, the present violation and the plan's largest, SI (negative or 0: none)."""
+    """The report of a tick. ``active``, ``violated`` and ``foreseen`` by family of limits: rows of the plan at or
+    beyond their bound, the present violation and the plan's largest, SI (negative or 0: none)."""
 
     rung: str
     failures: int
@@ -82,30 +82,24 @@ class MPC(Controller):
         wanted = c.structure
         built = described and f"nodes={described['nodes']},walls={described['walls']},space={described['space']}"
         if built != wanted:
+            found = "without a predictive controller"
+            if built:
+                found = f"with {built}"
             raise PlantError(
-                f"the arm is built {'with ' + built if built else 'without a predictive controller'} and the "
-                f"configuration needs {wanted}; load it with load(robot, mpc=configuration)."
+                f"the arm is built {found} and the configuration needs {wanted}; load it with load(robot, "
+                "mpc=configuration)."
             )
         self.arm, self.configuration, self.described = arm, c, {"reference": (), "gains": ()}
         module, n, self.nodes = arm.module, arm.n, described["nodes"]
-        self.axes = 2 if described["space"] == "tip" else n
-        noun = "tip" if self.axes == 2 and described["space"] == "tip" else "joint"
-        self.reference_names = (f"{noun}_path",)
-        self.gains: dict[str, float] = {} if noun == "joint" else self._admittance()
+        self.axes, self.gains, self.reference_names = n, dict[str, float](), ("joint_path",)
+        if described["space"] == "tip":
+            self.axes, self.gains, self.reference_names = 2, gains_of(c), ("tip_path",)
         self._buffers(n, module)
         self.path = self._reference.reshape(self.nodes + 1, 2 * self.axes)
         self.reference = self._reference
         self._bind(module)
         self._given = guard
         self.configure_with(c)
-
-    def _admittance(self) -> dict[str, float]:
-        c, out = self.configuration, dict[str, float]()
-        for name in ("mass", "damping", "stiffness"):
-            value = c[f"admittance.{name}"]
-            values = value if isinstance(value, tuple) else (value, value)
-            out |= {f"{name}_{axis}": float(v) for axis, v in zip("xy", values, strict=False)}
-        return out
 
     def _buffers(self, n: int, module: Any) -> None:
         self._context = np.zeros(module.length("mpc_tick", "controller"), np.uint8)
@@ -135,20 +129,28 @@ class MPC(Controller):
         if guard is None:
             inertia = [joint["drive"]["motor_inertia"]["nominal"] for joint in self.arm.robot["joints"]]
             damping = tuple(20 * J or 1e-6 for J in inertia)  # motors stop in 1/20 s
-            safe = Safe[str(c["fallback.safe"]).upper()]
-            stiffness = tuple(10 * d for d in damping) if safe is Safe.HOLD else ()
-            guard = Guard(safe, safe_damping=damping, safe_stiffness=stiffness)
-        rates = c["limits.torque_rate"]
-        limits: dict[str, Any] = {"torque_limit": torque_limits(self.arm, c)}
-        limits["torque_rate"] = None if rates is None else tuple(each(rates, self.arm.n))
-        limits = {name: value for name, value in limits.items() if value is not None}
+            guard = Guard(Safe[str(c["fallback.safe"]).upper()], safe_damping=damping)
+            if guard.safe is Safe.HOLD:
+                guard = replace(guard, safe_stiffness=tuple(10 * d for d in damping))
+        limits: dict[str, Any] = {}
+        if (torque := torque_limits(self.arm, c)) is not None:
+            limits["torque_limit"] = torque
+        if c["limits.torque_rate"] is not None:
+            limits["torque_rate"] = tuple(each(c["limits.torque_rate"], self.arm.n))
         if c["fallback.force_limit"] is not None:
             limits["force_limit"] = c["fallback.force_limit"]
         return replace(guard, period=c["mpc.period"], **limits)
 
     def configure_with(self, configuration: Configuration) -> None:
-        """Replace the configuration (of the same structure), with the arm's present parameters: all of it, or
-        PlantError and nothing changes."""
+        """Replace the configuration, with the arm's present parameters.
+
+        Args:
+            configuration: A configuration of the same structure.
+
+        Raises:
+            PlantError: The configuration is refused, and nothing has changed.
+
+        """
         if configuration.structure != self.configuration.structure:
             raise PlantError(f"the configuration needs {configuration.structure}, the controller has "
                              f"{self.configuration.structure}; make a new controller.")  # fmt: skip
@@ -168,10 +170,20 @@ class MPC(Controller):
         self._configure, self.configuration, self.guard = configure, configuration, guard
 
     def limit(self, walls: Sequence[Wall] | None = None, **limits: Any) -> None:
-        """Move soft limits while running: ``walls`` (as many as were compiled), ``tip_speed``, ``motor_speed``,
-        ``joint_low``, ``joint_high``, ``joint_torque``. All, or PlantError and nothing changes."""
+        """Move soft limits while the controller runs.
+
+        Args:
+            walls: The new walls, as many as were compiled; None: as they are.
+            **limits: New values of ``tip_speed``, ``motor_speed``, ``joint_low``, ``joint_high`` or ``joint_torque``.
+
+        Raises:
+            PlantError: A limit is refused, and nothing has changed.
+
+        """
+        if walls is None:
+            walls = self.configuration.walls
         moved = {f"limits__{name}": value for name, value in limits.items()}
-        c = self.configuration.changed(None if walls is None else tuple(walls), **moved)
+        c = self.configuration.changed(tuple(walls), **moved)
         if c.structure != self.configuration.structure:
             raise PlantError(f"the controller has {len(self.configuration.walls)} walls; give as many.")
         if problems := c.refusals(self.arm.robot):
@@ -183,21 +195,34 @@ class MPC(Controller):
         self.configuration = c
 
     def prepare(self) -> None:
-        """What the next tick can do before its measurement; to be called when the torque is sent."""
+        """Do the part of the next tick that needs no measurement; to be called when the torque is sent."""
         self._prepare.run()
 
     def step(self) -> None:
-        """The tick on the buffers as they are."""
+        """Do the tick on the buffers as they are."""
         self._plain.run()
 
     def through(self, runs: Callable[[], None] | None) -> None:
-        """Let `tick` call ``runs``, which calls `step`, or again the tick alone: to look at what happens around it."""
-        self._tick = self._plain if runs is None else _Through(runs)
+        """Wrap the tick, to observe it from outside.
+
+        Args:
+            runs: The function that `tick` shall call, and that calls `step`; None: the tick alone again.
+
+        """
+        self._tick = self._plain
+        if runs is not None:
+            self._tick = _Through(runs)
 
     def rows(self, reference: Reference) -> Array:
-        """The path of every tick (T, (nodes + 1) · 2 axes): the reference at the tick and at the end of every node;
-        past
-        its end it goes on straight."""
+        """Sample a reference at every tick and at the end of every node; past its end it goes on straight.
+
+        Args:
+            reference: The motion to follow.
+
+        Returns:
+            The path of every tick, (T, (nodes + 1) · 2 axes).
+
+        """
         times = np.concatenate([[0.0], np.cumsum(self.configuration.grid)])
         count = len(reference.position)
         at = reference.time[:, None] + times[None]
@@ -215,7 +240,12 @@ class MPC(Controller):
         return np.ascontiguousarray(np.concatenate([position, velocity], -1).reshape(count, -1))
 
     def report(self) -> Report:
-        """What the last tick did; before `prepare`."""
+        """Read the report of the last tick, before `prepare` is called.
+
+        Returns:
+            The report.
+
+        """
         self._say.run()
         said = self._report.copy()
         r = {name: said[part] for name, part in self._parts.items()}
@@ -234,14 +264,24 @@ class MPC(Controller):
         )  # fmt: skip
 
     def problem(self) -> tuple[Array, Array]:
-        """The last tick's quadratic problem and solution, as `mpc_solve` takes them."""
+        """Read the quadratic problem of the last tick.
+
+        Returns:
+            Problem and solution, as `mpc_solve` takes them.
+
+        """
         module = self.arm.module
         found = [np.zeros(module.length("mpc_problem", name)) for name in ("problem", "solution")]
         module.bind("mpc_problem", self._context, *found).run()
         return found[0], found[1]
 
     def header(self) -> str:
-        """C text of the settings and of the guard's configuration, as example_mpc.c includes them."""
+        """Write the settings and the guard's configuration as C.
+
+        Returns:
+            C text, as example_mpc.c includes it.
+
+        """
         problems: list[str] = []
         limits = self._limits(self.guard, problems)
         whole = [self.guard.safe.value, self.guard.stale_stamp_ticks, self.guard.stale_bits_ticks]
@@ -258,7 +298,12 @@ class MPC(Controller):
         )
 
     def whole(self) -> Problem:
-        """The whole nonlinear problem of the last tick, for the truth beside it."""
+        """Read the whole nonlinear problem of the last tick.
+
+        Returns:
+            The problem as `python -m gen truth` takes it.
+
+        """
         m, n, nodes = self.arm.manifest["mpc"], self.arm.n, self.nodes
         nx, ny, rows, shared = len(m["state"]), m["outputs"], len(m["rows"]), m["shared"]
         sizes = {
@@ -282,6 +327,14 @@ class MPC(Controller):
         return Problem(data)
 
     def sentence(self, status: int) -> str:
-        """What a status means."""
+        """Explain a status.
+
+        Args:
+            status: The number that `tick` returned.
+
+        Returns:
+            One sentence.
+
+        """
         own = {int(code): text for code, text in self.arm.manifest["mpc"]["statuses"]}
         return own.get(status) or super().sentence(status)

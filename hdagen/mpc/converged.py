@@ -1,7 +1,7 @@
-"""What one step of sequential quadratic programming a tick costs in closed loop, beside the converged problem's: the
-same controller iterated every tick until its torques stand still (`mpc.steps`), the same course, seed and arm.
+"""The cost of one step of sequential quadratic programming a tick in closed loop, beside that of the converged problem:
+the same controller, iterated every tick until its torques stand still (`mpc.steps`), on the same course, seed and arm.
 
-The price is the controller's own cost along what really happened, with the ideal motion in place of its forecast.
+The price is the controller's own cost along the real motion, with the ideal motion in place of its forecast.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from hdagen.mpc.comparison import CENTER, RADIUS, TURN, courses, default
 from hdagen.mpc.configuration import Configuration
 from hdagen.mpc.controller import MPC
-from hdagen.mpc.trials import Trial, gains_of, outcome, trial
+from hdagen.mpc.fitting import gains_of
+from hdagen.mpc.trials import Trial, outcome, trial
 from hdagen.plant import Arm, Array, load
 from hdagen.reference import Reference, circle
 from hdagen.simulation import Sensors, ideal
@@ -37,7 +38,19 @@ class Loop:
 
 
 def loops(profile: str = "native", say: Callable[[str], None] = lambda _: None) -> tuple[Loop, ...]:
-    """Both courses of the table. Raises PlantError."""
+    """Drive both courses of the table with one step a tick and with the converged problem.
+
+    Args:
+        profile: Profile of the build.
+        say: Hears the name of each run as it begins.
+
+    Returns:
+        Prices of each course.
+
+    Raises:
+        PlantError: A build fails, or the controller refuses its configuration.
+
+    """
     c = default()
     arm = load("paper", profile, mpc=c)
     controller, out = MPC(arm, c), []
@@ -57,7 +70,19 @@ def loops(profile: str = "native", say: Callable[[str], None] = lambda _: None) 
 
 
 def price(arm: Arm, c: Configuration, path: Reference, found: Trial, controller: MPC) -> float:
-    """The cost along a run, without units: mean over its ticks."""
+    """Compute the controller's cost along a run.
+
+    Args:
+        arm: The controlled arm.
+        c: The configuration, whose weights count.
+        path: The commanded path of the tip.
+        found: The run.
+        controller: The controller of the run.
+
+    Returns:
+        Mean cost of a tick, without a unit.
+
+    """
     s, h = found.simulation, path.period
     goal = path.position + ideal(arm, controller, s.push, h, gains_of(c))
     node = round(c.grid[0] / h)
@@ -87,12 +112,22 @@ def _hold(arm: Arm, q: Array, v: Array, force: Array) -> Array:
 
 
 def lines(found: tuple[Loop, ...]) -> list[str]:
-    """What to print."""
+    """Format the prices for a terminal.
+
+    Args:
+        found: Prices of each course.
+
+    Returns:
+        Lines of text.
+
+    """
     out = [
         f"closed loop, one step a tick beside the converged problem's (mean cost a tick, {SEEDS} seeds of the noise):"
     ]
     for loop in found:
-        met = "met" if loop.more <= BAR else "missed"
+        met = "missed"
+        if loop.more <= BAR:
+            met = "met"
         out.append(
             f"  {loop.course}: {loop.once:.5g} and {loop.converged:.5g}, {loop.more:+.2%} "
             f"(bar: at most {BAR:+.1%}: {met}); largest violation {loop.violated:.2g}"

@@ -21,7 +21,17 @@ UNITS = {"joint_position": "rad", "motor_speed": "rad/s", "joint_torque": "N m",
 
 
 def write(path: Path, source: str, record: Mapping[str, Array]) -> None:
-    """The page into ``path``, whole or not at all; OSError where it cannot be written."""
+    """Write the page of a run, whole or not at all.
+
+    Args:
+        path: Where the page goes.
+        source: Name of the log.
+        record: The controller's record of the log, by column.
+
+    Raises:
+        OSError: The page cannot be written.
+
+    """
     sections = [_motion(record), _limits(record), _times(record)]
     page.write(
         path,
@@ -33,7 +43,15 @@ def write(path: Path, source: str, record: Mapping[str, Array]) -> None:
 
 
 def verdict(record: Mapping[str, Array]) -> str:
-    """The sentence to take home."""
+    """Sum a run up in one sentence.
+
+    Args:
+        record: The controller's record of the log, by column.
+
+    Returns:
+        The sentence.
+
+    """
     whole = 1e6 * (record["prepare_time"] + record["tick_time"])
     missed = _missed(record)
     active = sum(record[f"active_{family}"] for family in FAMILIES)
@@ -104,7 +122,10 @@ def _active(record: Mapping[str, Array]) -> str:
     count = min(STRETCHES, len(record["time"]))
     parts = np.array_split(np.arange(len(record["time"])), count)
     edges = np.append(record["time"][[part[0] for part in parts]], record["time"][-1] + 1e-9)
-    means = [[float(record[f"active_{family}"][part].mean()) for part in parts] for family in FAMILIES]
+    means = []
+    for family in FAMILIES:
+        active = record[f"active_{family}"]
+        means.append([float(active[part].mean()) for part in parts])
     return figure.heat(
         "Active limits over time",
         edges,
@@ -176,7 +197,7 @@ def _times(record: Mapping[str, Array]) -> page.Section:
 
 
 def _slower(record: Mapping[str, Array]) -> str:
-    """What share of the ticks takes longer than a time."""
+    """The share of the ticks that take longer than a time."""
     parts = {"whole tick": "ink", "after the measurement": "blue", "before it": "orange"}
     before, after = record["prepare_time"], record["tick_time"]
     curves = []

@@ -1,4 +1,4 @@
-"""Whether a configuration fits a robot: what is refused before anything is built, one sentence a problem."""
+"""Whether a configuration fits a robot: problems are found before anything is built, one sentence each."""
 
 from __future__ import annotations
 
@@ -17,29 +17,77 @@ SLIGHT = 1e-9  # m
 
 
 def each(value: Any, count: int) -> list[float]:
-    """One number for all, or one for each."""
-    return [float(v) for v in value] if isinstance(value, tuple) else [float(value)] * count
+    """Give each joint or axis its number.
+
+    Args:
+        value: One number for all, or a tuple with one for each.
+        count: Count of joints or axes.
+
+    Returns:
+        The numbers; a tuple keeps its own length.
+
+    """
+    if isinstance(value, tuple):
+        return [float(v) for v in value]
+    return [float(value)] * count
+
+
+def gains_of(c: Configuration) -> dict[str, float]:
+    """List the admittance by the names that a Cartesian law has for its gains.
+
+    Args:
+        c: The configuration.
+
+    Returns:
+        ``mass_x`` to ``stiffness_y``, SI.
+
+    """
+    out = dict[str, float]()
+    for name in ("mass", "damping", "stiffness"):
+        values = each(c[f"admittance.{name}"], 2)
+        out |= {f"{name}_{axis}": value for axis, value in zip("xy", values, strict=False)}
+    return out
 
 
 def limits_of(robot: Mapping[str, Any], c: Configuration) -> dict[str, list[float]]:
-    """Ranges, motor speeds and joint torques, from the configuration, else from the robot file."""
+    """Take the soft limits of the joints from the configuration, else from the robot file.
+
+    Args:
+        robot: Description of the robot, as the manifest of a build holds it.
+        c: The configuration.
+
+    Returns:
+        ``joint_low`` and ``joint_high`` (rad or m), ``motor_speed`` (rad/s), ``joint_torque`` (N m or N), by joint;
+        UNLIMITED where neither states a limit.
+
+    """
     joints = robot["joints"]
-    stated = [joint["limits"] for joint in joints]
-    out = {
-        "joint_low": [-UNLIMITED if s["position"] is None else s["position"][0] for s in stated],
-        "joint_high": [UNLIMITED if s["position"] is None else s["position"][1] for s in stated],
-        "motor_speed": [
-            UNLIMITED if s["speed"] is None else s["speed"] * abs(joint["drive"]["ratio"]["nominal"])
-            for s, joint in zip(stated, joints, strict=True)
-        ],
-        "joint_torque": [UNLIMITED if s["torque"] is None else s["torque"] for s in stated],
-    }
+    out: dict[str, list[float]] = {name: [] for name in ("joint_low", "joint_high", "motor_speed", "joint_torque")}
+    for joint in joints:
+        stated = joint["limits"]
+        low, high = stated["position"] or (-UNLIMITED, UNLIMITED)
+        speed, torque = UNLIMITED, UNLIMITED
+        if stated["speed"] is not None:
+            speed = stated["speed"] * abs(joint["drive"]["ratio"]["nominal"])
+        if stated["torque"] is not None:
+            torque = stated["torque"]
+        for values, value in zip(out.values(), (low, high, speed, torque), strict=True):
+            values.append(value)
     given = {name: c[f"limits.{name}"] for name in out}
     return out | {name: each(value, len(joints)) for name, value in given.items() if value is not None}
 
 
 def refusals(robot: Mapping[str, Any], c: Configuration) -> list[str]:
-    """Why the configuration cannot be used with the robot (its description as a build's manifest holds it)."""
+    """Find the reasons why a configuration does not fit a robot.
+
+    Args:
+        robot: Description of the robot, as the manifest of a build holds it.
+        c: The configuration.
+
+    Returns:
+        One sentence for each problem.
+
+    """
     found = list(_counts(robot, c))
     if found:
         return found
@@ -69,23 +117,39 @@ def refusals(robot: Mapping[str, Any], c: Configuration) -> list[str]:
 
 
 def _counts(robot: Mapping[str, Any], c: Configuration) -> Iterator[str]:
+    """Problems with the length of lists."""
     joints = len(robot["joints"])
-    axes = 2 if c["mpc.space"] == "tip" else joints
+    counts = {"axes": joints, "joints": joints}
+    if c["mpc.space"] == "tip":
+        counts["axes"] = 2
     for key in KEYS:
-        count = {"axes": axes, "joints": joints}.get(key.kind)
-        value = c[key.path] if count else None
+        if key.kind not in counts:
+            continue
+        value, count = c[key.path], counts[key.kind]
         if isinstance(value, tuple) and len(value) != count:
             yield f"{key.path} has {len(value)} numbers and there are {count} {key.kind}; give one, or {count}."
 
 
 def nearest(walls: Sequence[Wall]) -> float | None:
-    """How near to the base the walls let the tip come, m; None where no point lies behind all of them. That point is
-    the base itself, its foot on a wall, or where two walls cross."""
+    """Find how near to the base the walls let the tip come.
+
+    The nearest point is the base itself, its foot on a wall, or a crossing of two walls.
+
+    Args:
+        walls: The walls.
+
+    Returns:
+        The distance, m; None where no point lies behind all walls.
+
+    """
     lines = [(*wall.normal, wall.offset) for wall in walls]
     points = [(0.0, 0.0)] + [(x * offset, y * offset) for x, y, offset in lines]
     for (a, b, one), (p, q, other) in itertools.combinations(lines, 2):
         across = a * q - b * p
         if abs(across) > 1e-12:
             points.append(((one * q - other * b) / across, (other * a - one * p) / across))
-    free = [math.hypot(x, y) for x, y in points if all(a * x + b * y <= offset + SLIGHT for a, b, offset in lines)]
-    return min(free) if free else None
+    distances = []
+    for x, y in points:
+        if all(a * x + b * y <= offset + SLIGHT for a, b, offset in lines):
+            distances.append(math.hypot(x, y))
+    return min(distances, default=None)

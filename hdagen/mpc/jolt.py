@@ -1,7 +1,7 @@
-"""How fast a force that comes at once moves the tip before any torque answers: what `limits.sudden` is to keep free.
+"""How fast a sudden force moves the tip before any torque answers; `limits.sudden` keeps this speed free.
 
 The links give way on their flexsplines and come back, so that the tip's speed has a peak after a few milliseconds
-whatever the motors do; a controller that hears of the force a tick or three later cannot lower it.
+whatever the motors do. A controller that learns of the force one to three ticks later cannot lower it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,20 @@ class Jolt:
 
 
 def jolt(arm: Arm, places: Array, force: float) -> Jolt:
-    """Of an arm at rest with its tip at each of ``places`` (N, 2), torques unchanged. Raises PlantError."""
+    """Measure the speed of the tip after a sudden force on an arm at rest, whose torques stay unchanged.
+
+    Args:
+        arm: The arm.
+        places: Places of the tip, (N, 2) m.
+        force: Size of the force, N.
+
+    Returns:
+        The largest and the median speed over places and directions.
+
+    Raises:
+        PlantError: A place is out of reach.
+
+    """
     peaks = [peak(arm, place, force, angle) for place in places for angle in _angles()]
     speeds = np.array([speed for speed, _ in peaks])
     return Jolt(force, float(speeds.max()), float(np.median(speeds)), peaks[int(speeds.argmax())][1])
@@ -40,7 +53,18 @@ def _angles() -> Sequence[float]:
 
 
 def peak(arm: Arm, place: Array, force: float, angle: float) -> tuple[float, float]:
-    """The tip's largest speed, m/s, and when, s."""
+    """Find the tip's largest speed after a sudden force.
+
+    Args:
+        arm: The arm, at rest.
+        place: Place of the tip, (2) m.
+        force: Size of the force, N.
+        angle: Direction of the force, rad.
+
+    Returns:
+        The speed, m/s, and its time, s.
+
+    """
     x, u = arm.rest(posture(arm, place, np.full(arm.n, 0.5))), np.zeros(arm.nu)
     for axis, share in (("x", np.cos(angle)), ("y", np.sin(angle))):
         u[arm.input_names.index(f"tip_force_{axis}")] = force * share
@@ -53,7 +77,15 @@ def peak(arm: Arm, place: Array, force: float, angle: float) -> tuple[float, flo
 
 
 def line(found: Jolt) -> str:
-    """What to print."""
+    """Format the response for a terminal.
+
+    Args:
+        found: The response.
+
+    Returns:
+        One line of text.
+
+    """
     return (
         f"a force of {found.force:g} N that comes at once moves the tip by at most {found.largest:.3f} m/s "
         f"(median {found.median:.3f}) after {1e3 * found.when:.1f} ms, whatever the torques"

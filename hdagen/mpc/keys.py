@@ -13,9 +13,8 @@ INF = float("inf")
 class Key:
     """A key: ``kind`` "number", "whole", "axes" (one number for all axes of the target, or one each), "joints" (the
     same for joints), "numbers" (a list), "point" (two), or "text" with ``choices``. ``default`` None: from the robot
-    file, or none, as ``meaning`` says; ``needed``: it has no default. Numbers lie within ``low`` and ``high``;
-    ``open``:
-    not at ``low``."""
+    file, or none, as ``meaning`` says; ``needed``: it has no default. Numbers lie within ``low`` and ``high``, above
+    ``low`` where ``open``."""
 
     table: str
     name: str
@@ -31,8 +30,17 @@ class Key:
 
     @property
     def path(self) -> str:
-        """As messages name it."""
+        """Table and name, as messages say them."""
         return f"{self.table}.{self.name}"
+
+    @property
+    def stated_default(self) -> str:
+        """The default as the documents state it."""
+        if self.needed:
+            return "needed"
+        if self.default is None:
+            return ""
+        return f"`{self.default}`".replace("'", '"')
 
 
 KEYS = (
@@ -250,15 +258,27 @@ TABLES = ("mpc", "admittance", "weights", "limits", "wall", "estimator", "fallba
 
 
 def keys(table: str) -> dict[str, Key]:
-    """The keys of a table by name."""
+    """List the keys of a table.
+
+    Args:
+        table: Name of the table.
+
+    Returns:
+        The keys by name.
+
+    """
     return {key.name: key for key in KEYS if key.table == table}
 
 
 def documented() -> str:
-    """The table for docs/mpc.md."""
+    """Write the table of all keys for docs/mpc.md.
+
+    Returns:
+        Markdown.
+
+    """
     rows = ["| key | unit | default | range | meaning |", "|---|---|---|---|---|"]
     for key in KEYS:
-        default = "needed" if key.needed else "" if key.default is None else f"`{key.default}`".replace("'", '"')
         span = " or ".join(f"`{c}`" for c in key.choices) or f"{key.low:g} to {key.high:g}"
-        rows.append(f"| `{key.path}` | {key.unit} | {default} | {span} | {key.meaning} |")
+        rows.append(f"| `{key.path}` | {key.unit} | {key.stated_default} | {span} | {key.meaning} |")
     return "\n".join(rows) + "\n"

@@ -17,29 +17,58 @@ FAMILIES = ("motor_torque", "torque_rate", "joint_position", "motor_speed", "joi
 
 
 def drives(arm: Arm) -> list[dict[str, Any]]:
-    """The drives of the robot file, base first."""
+    """List the drives of an arm.
+
+    Args:
+        arm: The arm.
+
+    Returns:
+        The drives of its robot file, base first.
+
+    """
     return [joint["drive"] for joint in arm.robot["joints"]]
 
 
 def torque_limits(arm: Arm, c: Configuration) -> tuple[float, ...] | None:
-    """Largest motor torque of each joint, N m, by torque and current; None where only the robot file limits it."""
-    if c["limits.motor_torque"] is None and c["limits.motor_current"] is None:
+    """Take the largest motor torques from the configured limits of torque and current.
+
+    Args:
+        arm: The arm.
+        c: The configuration.
+
+    Returns:
+        The largest motor torque of each joint, N m; None where only the robot file limits it.
+
+    """
+    limits = {"torque": c["limits.motor_torque"], "current": c["limits.motor_current"]}
+    stated = {name: each(value, arm.n) for name, value in limits.items() if value is not None}
+    if not stated:
         return None
-    out = []
-    torques, currents = (
-        each(np.inf if c[f"limits.motor_{name}"] is None else c[f"limits.motor_{name}"], arm.n)
-        for name in ("torque", "current")
-    )
-    for drive, torque, current in zip(drives(arm), torques, currents, strict=True):
+    endless, out = [np.inf] * arm.n, []
+    pairs = stated.get("torque", endless), stated.get("current", endless)
+    for drive, torque, current in zip(drives(arm), *pairs, strict=True):
         constant, most = drive["torque_constant"], drive["max_current"] or np.inf
-        out.append(min(torque, constant["nominal"] * min(current, most)) if constant else torque)
+        if constant:
+            out.append(min(torque, constant["nominal"] * min(current, most)))
+        else:
+            out.append(torque)
     return tuple(out)
 
 
 def settings_of(arm: Arm, c: Configuration) -> Array:
-    """hda_mpc_settings as an array, of a configuration that fits the arm."""
-    n, grid, axes = arm.n, c.grid, 2 if c["mpc.space"] == "tip" else arm.n
+    """Pack a configuration as the compiled controller takes it.
 
+    Args:
+        arm: The arm.
+        c: A configuration that fits the arm.
+
+    Returns:
+        hda_mpc_settings as an array, SI.
+
+    """
+    n, grid, axes = arm.n, c.grid, arm.n
+    if c["mpc.space"] == "tip":
+        axes = 2
     limits = limits_of(arm.robot, c)
     inertia = np.array([drive["motor_inertia"]["nominal"] for drive in drives(arm)])
     ratio = np.array([abs(drive["ratio"]["nominal"]) for drive in drives(arm)])
@@ -65,14 +94,14 @@ def settings_of(arm: Arm, c: Configuration) -> Array:
     bandwidth = c["fallback.bandwidth"]
     values += [*(rotor * bandwidth**2), *(2 * rotor * bandwidth)]
     values += [number for wall in c.walls for number in (*wall.normal, wall.offset - wall.margin)] or [0.0] * 3
-    values += [0.0 if w.stiffness is None or w.force is None else w.force / w.stiffness for w in c.walls] or [0.0]
+    values += [wall.give for wall in c.walls] or [0.0]
     values += _noise(arm, c, rotor, mass)
     return np.array(values, float)
 
 
 def _widths(arm: Arm, c: Configuration, rotor: Array) -> list[float]:
-    """Width of friction's smooth sign in the prediction: what dry friction changes the motor's speed by in a node, so
-    that a node carries it."""
+    """Width of friction's smooth sign in the prediction: the change of motor speed that dry friction makes in a node,
+    so that a node carries it."""
     if c["estimator.friction_width"] is not None:
         return each(c["estimator.friction_width"], arm.n)
     out = []
@@ -94,9 +123,18 @@ def _noise(arm: Arm, c: Configuration, rotor: Array, mass: Array) -> list[float]
 
 
 def report_names(arm: Arm) -> Iterator[tuple[str, int]]:
-    """Names and lengths of hda_mpc_report, in its order."""
-    m, n = arm.manifest["mpc"], arm.n
-    axes = 2 if m["space"] == "tip" else n
+    """List the parts of hda_mpc_report in their order.
+
+    Args:
+        arm: An arm that was built with a predictive controller.
+
+    Yields:
+        Name and length of each part.
+
+    """
+    m, n, axes = arm.manifest["mpc"], arm.n, arm.n
+    if m["space"] == "tip":
+        axes = 2
     for name in ("rung", "failures", "solved", "factored", "interior", "active", "residual"):
         yield name, 1
     for name in ("active_of", "violated_by", "foreseen_by"):

@@ -1,4 +1,4 @@
-"""What `hdagen simulate --controller mpc` writes beside the log, and what `hdagen mpc explain` reads: one row a
+"""The record that `hdagen simulate --controller mpc` writes beside the log and `hdagen mpc explain` reads: one row a
 tick."""
 
 from __future__ import annotations
@@ -40,13 +40,32 @@ COLUMNS = (
 
 
 def beside(log: Path) -> Path:
-    """Where the controller's record of a log lies."""
+    """Name the record of a log.
+
+    Args:
+        log: Path of the log.
+
+    Returns:
+        Path of the controller's record beside it.
+
+    """
     return log.with_suffix(".mpc.parquet")
 
 
 def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) -> dict[str, Array]:
-    """One row a tick. ``target``: where the admittance wants the tip, as the controller drives it. ``predicted``: where
-    the plan that was made ``ahead`` seconds before saw the tip now."""
+    """Build the record of a run, one row a tick.
+
+    Args:
+        arm: The controller's arm.
+        found: The run.
+        path: The commanded path.
+        grid: Length of each node, s.
+
+    Returns:
+        Columns by name, SI. ``target`` is the place of the tip that the admittance asks for; ``predicted`` is its place
+        now by the plan that was made ``ahead`` seconds before.
+
+    """
     from hdagen.mpc.controller import RUNGS
 
     s, reports = found.simulation, found.reports
@@ -59,7 +78,7 @@ def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) ->
     seen = arm.evaluate("points", q=q)["points"][:, -2:]
     late = round(ahead / path.period)
     predicted = np.full_like(seen, np.nan)
-    predicted[late:] = seen[: len(seen) - late] if late else seen
+    predicted[late:] = seen[: len(seen) - late]
     out: dict[str, Array] = {"time": path.time, "tip_x": s.tip[:, 0], "tip_y": s.tip[:, 1]}
     wanted = path.position + np.array([r.yielded for r in reports])[:, : path.position.shape[1]]
     ways = {"path": path.position, "target": wanted}
@@ -80,8 +99,21 @@ def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) ->
 
 
 def read(path: Path) -> dict[str, Array]:
-    """The record of a log, named by the log or by itself. Raises LogError."""
-    place = path if path.name.endswith(".mpc.parquet") or not path.name else beside(path)
+    """Read the record of a log.
+
+    Args:
+        path: The log, or the record itself.
+
+    Returns:
+        Columns by name, SI.
+
+    Raises:
+        LogError: There is no record, or it cannot be read.
+
+    """
+    place = path
+    if path.name and not path.name.endswith(".mpc.parquet"):
+        place = beside(path)
     try:
         check_file(
             place,

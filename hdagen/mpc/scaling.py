@@ -1,12 +1,13 @@
-"""What a tick costs by its sizes: nodes of the horizon from 10 to 200, joints from 1 to 6; and the problem that only
+"""The cost of a tick by its sizes: nodes of the horizon from 10 to 200, joints from 1 to 6; and the problem that only
 the motors' torques limit.
 
 Each size is a library of its own and a short closed loop, pushed hard. The cost of an iteration is that of the interior
-point on the loop's problems: it factors and solves whatever is active, so that sizes compare.
+point on the loop's problems, which does the same work whatever rows are active, so that sizes compare.
 """
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -58,8 +59,8 @@ class Scaling:
 
 @dataclass(frozen=True)
 class Box:
-    """The problem with bounds on the torques alone: active bounds on average, µs of thread time: what is before the
-    measurement, what is after it, their sum; the share of ticks that needed the interior point."""
+    """The problem with bounds on the torques alone: active bounds on average; µs of thread time before the measurement,
+    after it, and in all; the share of ticks that needed the interior point."""
 
     active: float
     before: float
@@ -70,7 +71,19 @@ class Box:
 
 
 def scaling(profile: str = "native", say: Callable[[str], None] = lambda _: None) -> Scaling:
-    """Build and measure every size; builds are kept. Raises PlantError."""
+    """Build and measure every size; builds are kept.
+
+    Args:
+        profile: Profile of the builds.
+        say: Hears the name of each size as it begins.
+
+    Returns:
+        Times by size, and the exponents of their growth.
+
+    Raises:
+        PlantError: A build fails, or a closed loop is refused.
+
+    """
     by_nodes = []
     for nodes in NODES:
         say(f"{nodes} nodes")
@@ -85,30 +98,52 @@ def scaling(profile: str = "native", say: Callable[[str], None] = lambda _: None
             path = Path(folder) / "robot.toml"
             path.write_text(chain(model, joints), encoding="utf-8")
             by_joints.append(_size(load(path, profile, mpc=c), c))
-    exponents = {
-        what: tuple(
-            grown([getattr(s, by) for s in sizes], [getattr(s, what) for s in sizes])
-            for by, sizes in (("nodes", by_nodes), ("joints", by_joints))
-        )
-        for what in ("iteration", "before")
-    }
-    return Scaling(tuple(by_nodes), tuple(by_joints), exponents)  # type: ignore[arg-type]
+    node_counts, joint_counts = [s.nodes for s in by_nodes], [s.joints for s in by_joints]
+    exponents = {}
+    for what in ("iteration", "before"):
+        of_nodes = grown(node_counts, [getattr(size, what) for size in by_nodes])
+        of_joints = grown(joint_counts, [getattr(size, what) for size in by_joints])
+        exponents[what] = (of_nodes, of_joints)
+    return Scaling(tuple(by_nodes), tuple(by_joints), exponents)
 
 
 def grown(size: Sequence[float], cost: Sequence[float]) -> float:
-    """The exponent p of cost = a size^p, by least squares of the logarithms."""
+    """Fit the exponent p of cost = a size^p, by least squares of the logarithms.
+
+    Args:
+        size: Sizes.
+        cost: Cost of each size.
+
+    Returns:
+        The exponent.
+
+    """
     return float(np.polyfit(np.log(size), np.log(cost), 1)[0])
 
 
 def chain(robot: Mapping[str, Any], joints: int) -> str:
-    """The robot.toml of an arm of so many joints, each the robot's last one, its links as heavy as what they bear."""
+    """Write the robot.toml of a chain of equal joints.
+
+    Args:
+        robot: Description of a robot, whose last joint is repeated.
+        joints: Count of joints.
+
+    Returns:
+        TOML text.
+
+    """
     last = robot["joints"][-1]
     lines = [f'name = "chain of {joints}"', "gravity = [0.0, 0.0]"]
 
     def stated(values: Mapping[str, Any], names: Sequence[str]) -> list[str]:
-        found = {name: values[name] for name in names if values.get(name) is not None}
-        numbers = {name: v["nominal"] if isinstance(v, Mapping) else v for name, v in found.items()}
-        return [f"{name} = {value!r}" for name, value in numbers.items()]
+        found = []
+        for name in names:
+            value = values.get(name)
+            if isinstance(value, Mapping):
+                value = value["nominal"]
+            if value is not None:
+                found.append(f"{name} = {value!r}")
+        return found
 
     for _ in range(joints):
         lines += ["", "[[joint]]", *stated(last, ("length", "mass", "center_of_mass", "inertia"))]
@@ -150,14 +185,25 @@ def _loop(arm: Arm, c: Configuration, seconds: float, pushes: Sequence[Push]) ->
 
 
 def box(profile: str = "native", seconds: float = 4.0) -> Box:
-    """A closed loop that only the motors' torques limit, the same solver. Raises PlantError."""
+    """Time the same solver on a closed loop that only the motors' torques limit.
+
+    Args:
+        profile: Profile of the build.
+        seconds: Length of the loop, s.
+
+    Returns:
+        Active bounds and times.
+
+    Raises:
+        PlantError: The build fails, or the closed loop is refused.
+
+    """
     free = dict.fromkeys(("motor_speed", "joint_torque", "joint_high", "torque_rate"), 1e6)
     limits = {f"limits__{name}": value for name, value in free.items()}
     c = default().changed(FAR, **limits, limits__joint_low=-1e6, limits__tip_speed=100.0, limits__motor_torque=BOX)
     arm = load("paper", profile, mpc=c)
-    pushes = [
-        Push(t, t + 0.25, (25.0, 10.0) if k % 2 else (-25.0, 15.0)) for k, t in enumerate(np.arange(0.5, seconds, 0.5))
-    ]
+    forces = itertools.cycle(((-25.0, 15.0), (25.0, 10.0)))
+    pushes = [Push(t, t + 0.25, force) for t, force in zip(np.arange(0.5, seconds, 0.5), forces, strict=False)]
     found = _loop(arm, c, seconds, pushes)
     times = 1e6 * found.times[50:]
     active = float(np.mean([sum(r.active.values()) for r in found.reports[50:]]))
@@ -168,7 +214,16 @@ def box(profile: str = "native", seconds: float = 4.0) -> Box:
 
 
 def lines(found: Scaling, boxed: Box) -> list[str]:
-    """What to print."""
+    """Format times and exponents for a terminal.
+
+    Args:
+        found: Times by size.
+        boxed: Times of the problem that only torques limit.
+
+    Returns:
+        Lines of text.
+
+    """
     out = [
         "sizes, µs of thread time: joints, nodes, before the measurement, an iteration of the interior point, a tick"
     ]

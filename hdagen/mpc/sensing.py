@@ -1,5 +1,5 @@
-"""What the estimator feels, in numbers: whether its innovations are what its covariance says, how late and how wrong it
-sees a step of force, how soon a collision is called, and how often one is called where there is none.
+"""The estimator in numbers: whether its innovations agree with its covariance, how late and how wrong it sees a step of
+force, how soon it calls a collision, and how often it calls one where there is none.
 
 The normalised innovations of k readings have the mean k where the filter is consistent, and 95 % of them lie below the
 quantile of chi-square with k degrees of freedom. Source: Bar-Shalom, Li, Kirubarajan, Estimation (2001), 5.4.
@@ -62,7 +62,8 @@ class Detection:
 
 @dataclass(frozen=True)
 class Sensing:
-    """All of it. ``alarms``: collisions called in ``seconds`` of motion without any, parameters off by up to 10 %."""
+    """All measurements. ``alarms``: collisions called in ``seconds`` of motion without any, parameters off by up to
+    10 %."""
 
     consistency: tuple[Consistency, ...]
     steps: tuple[Step, ...]
@@ -73,7 +74,20 @@ class Sensing:
 
 
 def measure(profile: str = "native", say: Callable[[str], None] = lambda _: None, plants: int = PLANTS) -> Sensing:
-    """Run everything. Raises PlantError."""
+    """Measure innovations, steps of force, collisions and false alarms.
+
+    Args:
+        profile: Profile of the builds.
+        say: Hears the name of each measurement as it begins.
+        plants: Count of arms, off by up to 10 %, that move without contact.
+
+    Returns:
+        All measurements.
+
+    Raises:
+        PlantError: A build fails, or the controller refuses its configuration.
+
+    """
     c = default().changed(tuple(replace(w, offset=10.0) for w in WALLS), limits__tip_speed=1.0, limits__sudden=0.0)
     arm, plant = load("paper", profile, mpc=c), load("paper", profile, mpc=c)
     controller = MPC(arm, c)
@@ -94,7 +108,7 @@ def measure(profile: str = "native", say: Callable[[str], None] = lambda _: None
         called = np.array([r.collision for r in found.reports])
         alarms += int(np.sum(called[1:] & ~called[:-1]))
     if felt:
-        median = (float(np.median([getattr(one, name) for one in felt])) for name in ("mean", "below", "correlation"))
+        median = np.median([(one.mean, one.below, one.correlation) for one in felt], axis=0).tolist()
         consistency.append(Consistency(f"{plants} arms off by 10 %, median", felt[0].readings, *median))
     threshold = float(c["estimator.collision"])
     return Sensing(tuple(consistency), tuple(steps), tuple(detections), threshold, alarms, plants * SECONDS)
@@ -106,7 +120,19 @@ def _move(plant: Arm, controller: MPC, seconds: float, seed: int, pushes: Sequen
 
 
 def consistent(name: str, arm: Arm, found: Trial) -> Consistency:
-    """The innovations of a run beside chi-square."""
+    """Compare the innovations of a run with chi-square.
+
+    Args:
+        name: Name of the plant.
+        arm: The controller's arm.
+        found: The run.
+
+    Returns:
+        Mean, share below the 95 % quantile, and correlation of neighbours.
+
+    Source: Bar-Shalom, Li, Kirubarajan, Estimation (2001), 5.4.
+
+    """
     from scipy.stats import chi2
 
     readings = sum(name.startswith(("motor_position", "joint_position")) for name in arm.state_names)
@@ -120,8 +146,7 @@ def _steps(arm: Arm, controller: MPC, size: float) -> list[Step]:
     rows: dict[str, list[tuple[float, float, float]]] = {"filter": [], "observer": []}
     period = float(controller.configuration["mpc.period"])
     start, end = 1.0, 1.5
-    for axis in range(2):
-        force = (size, 0.0) if axis == 0 else (0.0, size)
+    for axis, force in enumerate(((size, 0.0), (0.0, size))):
         found = _move(arm, controller, end, 3 + axis, [Push(start, end, force)])
         seen = {
             "filter": np.array([r.tip_force[axis] for r in found.reports]),
@@ -129,7 +154,7 @@ def _steps(arm: Arm, controller: MPC, size: float) -> list[Step]:
         }
         for by, values in seen.items():
             rows[by].append(_late(values, round(start / period), size, period))
-    return [Step(by, size, *(float(v) for v in np.mean(rows[by], axis=0))) for by in rows]
+    return [Step(by, size, *np.mean(rows[by], axis=0).tolist()) for by in rows]
 
 
 def _late(seen: Array, at: int, size: float, period: float) -> tuple[float, float, float]:
@@ -139,7 +164,18 @@ def _late(seen: Array, at: int, size: float, period: float) -> tuple[float, floa
 
 
 def detection(arm: Arm, controller: MPC, size: float, hits: int = 24) -> Detection:
-    """Hits in random directions, half a second apart, while the arm moves."""
+    """Hit the moving arm in random directions and count the hits that are called collisions.
+
+    Args:
+        arm: The arm.
+        controller: Its controller.
+        size: Force of a hit, N.
+        hits: Count of hits, about a second apart.
+
+    Returns:
+        Share and times of the detections.
+
+    """
     random, period = np.random.default_rng(round(size)), float(controller.configuration["mpc.period"])
     begun = [round(float(1.0 + k + 0.2 * random.random()), 3) for k in range(hits)]
     angles = random.uniform(0, 2 * np.pi, hits)
@@ -155,11 +191,21 @@ def detection(arm: Arm, controller: MPC, size: float, hits: int = 24) -> Detecti
         if not called[at - 1] and len(within):
             times.append(within[0] * period)
     share = len(times) / hits
-    return Detection(size, hits, share, *((float(np.median(times)), max(times)) if times else (np.nan, np.nan)))
+    if not times:
+        return Detection(size, hits, share, np.nan, np.nan)
+    return Detection(size, hits, share, float(np.median(times)), max(times))
 
 
 def lines(found: Sensing) -> list[str]:
-    """What to print."""
+    """Format the measurements for a terminal.
+
+    Args:
+        found: The measurements.
+
+    Returns:
+        Lines of text.
+
+    """
     out = ["innovations, normalised:"]
     for one in found.consistency:
         out.append(
@@ -176,7 +222,9 @@ def lines(found: Sensing) -> list[str]:
         out.append(f"  {d.size:5.0f} N {d.share:7.0%} of {d.hits} {times}")
     hours = found.seconds / 3600
     if hours > 0:
-        rate = f"about {found.alarms / hours:.0f}" if found.alarms else f"with 95 % fewer than {3 / hours:.0f}"
+        rate = f"with 95 % fewer than {3 / hours:.0f}"
+        if found.alarms:
+            rate = f"about {found.alarms / hours:.0f}"
         out.append(
             f"false alarms: {found.alarms} in {found.seconds:.0f} s of motion without contact, arms off by 10 %: "
             f"{rate} an hour"

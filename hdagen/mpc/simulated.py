@@ -21,17 +21,45 @@ from hdagen.simulation import Push, Sensors
 def simulated(
     arm: Arm, c: Configuration, path: Reference, pushes: Sequence[Push], sensors: Sensors, seed: int, out: Path
 ) -> tuple[Trial, Outcome | None]:
-    """Run, write the log and the record beside it; the outcome where the admittance is the tip's. Raises PlantError,
-    LogError."""
+    """Simulate a closed loop, and write its log and the controller's record beside it.
+
+    Args:
+        arm: An arm that was built for the configuration.
+        c: The configuration.
+        path: The path to follow.
+        pushes: Forces on the tip.
+        sensors: The sensors.
+        seed: Seed of the sensors' noise.
+        out: Where the log goes.
+
+    Returns:
+        The run, and its numbers; None in their place where the controller follows joints.
+
+    Raises:
+        PlantError: The controller refuses its configuration.
+        LogError: A file cannot be written.
+
+    """
     controller = MPC(arm, c)
     found = trial(arm, controller, path, pushes, sensors, c.walls, seed)
     write(found.simulation.log, out)
     table.write(columns(arm, found, path, c.grid), beside(out))
-    return found, outcome(arm, c, path, found, controller) if c["mpc.space"] == "tip" else None
+    if c["mpc.space"] != "tip":
+        return found, None
+    return found, outcome(arm, c, path, found, controller)
 
 
 def lines(found: Trial, result: Outcome | None) -> list[str]:
-    """What to print of a run."""
+    """Format a run for a terminal.
+
+    Args:
+        found: The run.
+        result: Its numbers, or None.
+
+    Returns:
+        Lines of text.
+
+    """
     times = 1e6 * found.times.sum(1)
     active = np.mean([sum(r.active.values()) for r in found.reports])
     out = [
@@ -44,9 +72,7 @@ def lines(found: Trial, result: Outcome | None) -> list[str]:
             f"{1e3 * result.largest:.2f} mm at most"
         )
         broken = [f"{name} by {value:.3g}" for name, value in result.violated.items() if value > 0]
-        out.append(
-            f"limits exceeded: {', '.join(broken) if broken else 'none'}; contact force at most {result.contact:.1f} N"
-        )
+        out.append(f"limits exceeded: {', '.join(broken) or 'none'}; contact force at most {result.contact:.1f} N")
     refused = found.simulation.status < 0
     out.append(f"ticks refused: {int(refused.sum())}")
     return out

@@ -1,6 +1,6 @@
-"""How long the solvers take, on the very closed loop of the table: both on the same problems, in turns, in one run.
+"""How long the solvers take on the closed loop of the table: all on the same problems, in turns, in one run.
 
-Times are of the thread's processor, so that other programs count little; ratios are what holds on another machine.
+Times are of the thread's processor, so that other programs count little; only ratios hold on another machine.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Times:
 
 @dataclass(frozen=True)
 class Timing:
-    """All that was timed. ``phases``: preparation, tick, both; ``active``: mean number of active rows by family;
+    """All times. ``phases``: preparation, tick, both; ``active``: mean number of active rows by family;
     ``share``: of the period that p99 of the whole tick takes."""
 
     joints: int
@@ -52,13 +52,23 @@ class Timing:
     active: dict[str, float]
     interior_share: float
     share: float
-    machine_quiet: float  # largest over median of an idle loop's time: what the machine adds by itself
+    machine_quiet: float  # p99 over median of the time of equal short work: the share of the machine itself
 
 
 def record(
     profile: str = "native", seconds: float = SECONDS, c: Configuration | None = None
 ) -> tuple[Arm, Configuration, Trial]:
-    """The closed loop of the table's second course, with every problem kept."""
+    """Record the closed loop of the table's second course, with every problem kept.
+
+    Args:
+        profile: Profile of the build.
+        seconds: Length of the loop, s.
+        c: The configuration; None: that of the table.
+
+    Returns:
+        The arm, its configuration, and the run.
+
+    """
     c = c or default()
     arm = load("paper", profile, mpc=c)
     path = circle(RADIUS, CENTER, TURN, seconds, float(c["mpc.period"]))
@@ -81,9 +91,23 @@ class Solver:
     def solve(
         self, problem: Array, which: int, start: Array | None = None, tolerance: float = 1e-3, cap: int = 4000
     ) -> int:
-        """Solve; the status. ``start``: a solution to begin from. The time of the call is in ``taken``, ns."""
+        """Solve a problem and time the call, whose length is in ``taken``, ns.
+
+        Args:
+            problem: The problem, as `mpc_solve` takes it.
+            which: RICCATI, OSQP or INTERIOR.
+            start: A solution to begin from; None: zeros.
+            tolerance: Tolerance of OSQP.
+            cap: Most iterations.
+
+        Returns:
+            The status; 0: solved.
+
+        """
         self.problem[:], self.which[0], self.how[:] = problem, which, (tolerance, cap)
-        self.solution[:] = 0.0 if start is None else start
+        self.solution[:] = 0.0
+        if start is not None:
+            self.solution[:] = start
         begun = thread_time_ns()
         self._call.run()
         self.taken = thread_time_ns() - begun
@@ -93,7 +117,18 @@ class Solver:
 def bench(
     profile: str = "native", seconds: float = SECONDS, every: int = 5, say: Callable[[str], None] = lambda _: None
 ) -> Timing:
-    """Record the closed loop, then solve its problems again with every solver, in turns."""
+    """Record the closed loop, then solve its problems again with every solver, in turns.
+
+    Args:
+        profile: Profile of the build.
+        seconds: Length of the loop, s.
+        every: Of how many ticks one problem is solved again.
+        say: Hears how far the timing is.
+
+    Returns:
+        All times.
+
+    """
     say("closed loop")
     arm, c, found = record(profile, seconds)
     n, nodes = arm.n, len(c.grid)
@@ -141,11 +176,11 @@ def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]
     inner = np.array([r.interior for r in found.reports[10:]])
     solved = [r.solved == 0 for r in found.reports[10:]]
     parts = {"preparation": times[:, 0], "tick": times[:, 1], "both": times.sum(1)}
-    phases = tuple(
-        _times(name, [(t, i, s, 0.0) for t, i, s in zip(part, inner, solved, strict=True)])
-        for name, part in parts.items()
-    )
-    active = {name: float(np.mean([r.active[name] for r in found.reports])) for name in found.reports[0].active}
+    zeros = [0.0] * len(times)
+    phases = tuple(_times(name, list(zip(part, inner, solved, zeros, strict=True))) for name, part in parts.items())
+    active = {}
+    for name in found.reports[0].active:
+        active[name] = float(np.mean([r.active[name] for r in found.reports]))
     period = float(c["mpc.period"])
     return Timing(
         arm.n,
@@ -161,7 +196,7 @@ def _result(arm: Arm, c: Configuration, found: Trial, solvers: tuple[Times, ...]
 
 
 def _quiet() -> float:
-    """Largest over median time of the same short work."""
+    """p99 over median time of equal short work."""
     work, taken = np.ones(64), []
     for _ in range(2000):
         begun = thread_time_ns()
@@ -172,7 +207,15 @@ def _quiet() -> float:
 
 
 def lines(found: Timing) -> list[str]:
-    """What to print."""
+    """Format the times for a terminal.
+
+    Args:
+        found: The times.
+
+    Returns:
+        Lines of text.
+
+    """
     out = [
         f"{found.joints} joints, {found.nodes} nodes, {found.samples} ticks of closed loop; µs of thread time",
         f"(idle work on this machine now: p99 over median {found.machine_quiet:.1f})",

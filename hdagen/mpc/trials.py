@@ -1,10 +1,8 @@
-"""Closed loops of any controller against the compiled arm, with walls in the world: what limits were broken, how far
-the
-tip was from the ideal admittance motion, what it pressed.
+"""Closed loops of any controller against the compiled arm, with walls in the world: the broken limits, the distance of
+the tip from the ideal admittance motion, and its contact force.
 
 The ideal motion is M ẍ + B ẋ + K x = F about the commanded path, driven by the true force of the world on the tip,
-walls
-included. A wall pushes with its stiffness times the depth, and damps what enters.
+walls included. A wall pushes with its stiffness times the depth, and damps motion into it.
 """
 
 from __future__ import annotations
@@ -18,6 +16,8 @@ import numpy as np
 from hdagen.control import Controller
 from hdagen.mpc.configuration import Configuration, Wall
 from hdagen.mpc.controller import MPC, Report
+from hdagen.mpc.fitting import gains_of, limits_of
+from hdagen.mpc.layout import torque_limits
 from hdagen.plant import Arm, Array
 from hdagen.reference import Reference
 from hdagen.simulation import Push, Sensors, Simulation, ideal, run
@@ -81,7 +81,7 @@ class Recorder:
     problems: list[tuple[Array, Array]] = field(default_factory=list)
 
     def run(self) -> None:
-        """One tick, timed."""
+        """Run one tick and time it."""
         from time import thread_time
 
         begun = thread_time()
@@ -105,73 +105,107 @@ def trial(
     start: Array | None = None,
     keep: bool = False,
 ) -> Trial:
-    """Run ``controller`` on ``arm`` (the plant, which may differ from the controller's) along ``path``. ``keep``: the
-    problems of a predictive controller too. Raises PlantError."""
-    world = World([wall for wall in walls if wall.stiffness is not None])
-    recorder = Recorder(controller, keep) if isinstance(controller, MPC) else None
-    if isinstance(controller, MPC) and recorder is not None:
-        controller.through(recorder.run)
+    """Run a controller on an arm along a path.
+
+    Args:
+        arm: The plant, which may differ from the controller's arm.
+        controller: The controller.
+        path: The path to follow.
+        pushes: Forces on the tip.
+        sensors: The sensors; None: the robot file's.
+        walls: Walls of the world; those without a stiffness push nothing.
+        seed: Seed of the sensors' noise.
+        start: Positions of the joints at the start, (n); None: on the path.
+        keep: Whether the problems of a predictive controller are kept.
+
+    Returns:
+        The run.
+
+    Raises:
+        PlantError: The path, a push or the sensors are not possible.
+
+    """
+    world, pressed = None, [wall for wall in walls if wall.stiffness is not None]
+    if pressed:
+        world = World(pressed)
+    if not isinstance(controller, MPC):
+        done = run(arm, controller, path, pushes, sensors, seed, start, world=world)
+        return Trial(done, _forces(world, done), (), np.empty((0, 2)))
+    recorder = Recorder(controller, keep)
+    controller.through(recorder.run)
     try:
-        done = run(arm, controller, path, pushes, sensors, seed, start, world=world if world.walls else None)
+        done = run(arm, controller, path, pushes, sensors, seed, start, world=world)
     finally:
-        if isinstance(controller, MPC):
-            controller.through(None)
-    forces = np.array(world.forces[: len(path.position)]) if world.walls else np.zeros_like(done.push)
-    if recorder is None:
-        return Trial(done, forces, (), np.empty((0, 2)))
-    return Trial(done, forces, tuple(recorder.reports), np.array(recorder.times), tuple(recorder.problems))
+        controller.through(None)
+    reports, times = tuple(recorder.reports), np.array(recorder.times)
+    return Trial(done, _forces(world, done), reports, times, tuple(recorder.problems))
+
+
+def _forces(world: World | None, done: Simulation) -> Array:
+    """Force of the walls at every row."""
+    if world is None:
+        return np.zeros_like(done.push)
+    return np.array(world.forces[: len(done.push)])
 
 
 def outcome(arm: Arm, c: Configuration, path: Reference, found: Trial, controller: Controller) -> Outcome:
-    """The numbers of a run, against the limits and the admittance of ``c``."""
+    """Evaluate a run against the limits and the admittance of a configuration.
+
+    Args:
+        arm: The controlled arm.
+        c: The configuration.
+        path: The commanded path of the tip.
+        found: The run.
+        controller: The controller of the run.
+
+    Returns:
+        The numbers of the run.
+
+    """
     s = found.simulation
     goal = path.position + ideal(arm, controller, s.push, path.period, gains_of(c))
     distance = np.linalg.norm(s.tip - goal, axis=1)
     broken, near = excess(arm, c, s)
-    free = ~near
-    last = np.flatnonzero(np.abs(s.push - found.wall_force).sum(1) > 1e-9)
-    tail = slice(min(len(distance) - 1, last[-1] + 500) if len(last) else 0, None)
+    free = distance[~near]
+    free_distance, start = 0.0, 0
+    if len(free):
+        free_distance = float(np.median(free))
+    pushed = np.flatnonzero(np.abs(s.push - found.wall_force).sum(1) > 1e-9)
+    if len(pushed):
+        start = min(len(distance) - 1, pushed[-1] + 500)
     return Outcome(
-        float(np.median(distance)), float(distance.max()), float(np.median(distance[free])) if free.any() else 0.0,
-        float(np.linalg.norm(found.wall_force, axis=1).max(initial=0.0)),
-        float(np.sqrt(np.mean(np.sum((s.tip - path.position)[tail] ** 2, 1)))), int((s.status < 0).sum()), broken,
-    )  # fmt: skip
+        distance=float(np.median(distance)),
+        largest=float(distance.max()),
+        free_distance=free_distance,
+        contact=float(np.linalg.norm(found.wall_force, axis=1).max(initial=0.0)),
+        released=float(np.sqrt(np.mean(np.sum((s.tip - path.position)[start:] ** 2, 1)))),
+        refused=int((s.status < 0).sum()),
+        violated=broken,
+    )
 
 
-def gains_of(c: Configuration) -> dict[str, float]:
-    """The admittance as a Cartesian law names it."""
-    out = dict[str, float]()
-    for name in ("mass", "damping", "stiffness"):
-        value = c[f"admittance.{name}"]
-        values = value if isinstance(value, tuple) else (value, value)
-        out |= {f"{name}_{axis}": float(v) for axis, v in zip("xy", values, strict=False)}
-    return out
+def _motor_velocity(arm: Arm, s: Simulation) -> Array:
+    """Motor velocities (T, n) rad/s; of a rigid drive, whose motor has no state, from its joint."""
+    columns = []
+    for j in range(1, arm.n + 1):
+        if f"motor_velocity_{j}" in arm.state_names:
+            columns.append(s.state[:, arm.index(f"motor_velocity_{j}")])
+        else:
+            columns.append(s.state[:, arm.index(f"joint_velocity_{j}")] * arm.parameters[f"ratio_{j}"])
+    return np.stack(columns, 1)
 
 
 def excess(arm: Arm, c: Configuration, s: Simulation) -> tuple[dict[str, float], Any]:
     """How far each family of limits was broken, SI, and the ticks in which any was within 5 % of its bound."""
-    from hdagen.mpc.fitting import limits_of
-    from hdagen.mpc.layout import torque_limits
-
     limits, period = limits_of(arm.robot, c), float(c["mpc.period"])
-    names = list(arm.state_names)
-
-    def column(name: str) -> Array:
-        rigid = [arm.parameters[f"ratio_{j}"] if f"motor_{name}_{j}" not in names else 1.0 for j in range(1, arm.n + 1)]
-        found = [
-            f"motor_{name}_{j}" if f"motor_{name}_{j}" in names else f"joint_{name}_{j}" for j in range(1, arm.n + 1)
-        ]
-        return s.state[:, [names.index(f) for f in found]] * np.array(rigid)
-
-    q = s.state[:, [names.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
+    q = s.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
     low, high = np.array(limits["joint_low"]), np.array(limits["joint_high"])
     speed = np.linalg.norm(np.gradient(s.tip, period, axis=0), axis=1)
-    guard = torque_limits(arm, c)
-    most = np.array(guard if guard is not None else [np.inf] * arm.n)
+    most = np.array(torque_limits(arm, c) or [np.inf] * arm.n)
     shares = {
         "joint_position": (np.maximum(q - high, low - q).max(1), 0.05),
         "motor_speed": (
-            (np.abs(column("velocity")) - np.array(limits["motor_speed"])).max(1),
+            (np.abs(_motor_velocity(arm, s)) - np.array(limits["motor_speed"])).max(1),
             0.05 * max(limits["motor_speed"]),
         ),
         "joint_torque": (
@@ -181,8 +215,7 @@ def excess(arm: Arm, c: Configuration, s: Simulation) -> tuple[dict[str, float],
         "tip_speed": (speed - c["limits.tip_speed"], 0.1 * c["limits.tip_speed"]),
     }
     for k, wall in enumerate(c.walls, 1):
-        give = 0.0 if wall.stiffness is None or wall.force is None else wall.force / wall.stiffness
-        shares[f"wall_{k}"] = (s.tip @ np.array(wall.normal) - wall.offset - give, 2e-3)
+        shares[f"wall_{k}"] = (s.tip @ np.array(wall.normal) - wall.offset - wall.give, 2e-3)
     near = np.any([over > -band for over, band in shares.values()], axis=0)
     near |= np.any(np.abs(s.torque) > 0.98 * most, axis=1)
     return {name: max(0.0, float(over.max())) for name, (over, _) in shares.items()}, near

@@ -1,5 +1,4 @@
-"""Plans beside the truth: what the whole nonlinear problem, converged by IPOPT in a child process of `gen`, would
-do."""
+"""Plans beside the truth: the whole nonlinear problem of a tick, converged by IPOPT in a child process of `gen`."""
 
 from __future__ import annotations
 
@@ -27,7 +26,20 @@ LONGEST = 120.0  # s, of the child process
 
 
 def ask(robot: str, structure: str, problems: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """IPOPT's answers to problems as `gen.mpc.truth` takes them. Raises PlantError."""
+    """Solve problems with IPOPT, in a child process.
+
+    Args:
+        robot: A preset or the path of a robot.toml.
+        structure: Structure of the controller, as `python -m gen build --mpc` takes it.
+        problems: Problems, as `python -m gen truth` takes them.
+
+    Returns:
+        One answer for each problem.
+
+    Raises:
+        PlantError: The process fails, or takes too long.
+
+    """
     command = [sys.executable, "-P", "-m", "gen", "truth", f"--mpc={structure}", "--", robot]
     beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))))
     environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
@@ -55,8 +67,23 @@ class Answer:
 
 
 def against_truth(config: str | None = None, profile: str = "native", samples: int = SAMPLES) -> tuple[Answer, ...]:
-    """Ticks of the table's second course beside the truth, the controller converged. Raises PlantError."""
-    c = default() if config is None else read(config)
+    """Compare ticks of the table's second course with the truth, the controller converged.
+
+    Args:
+        config: Path of a controller.toml; None: the configuration of the table.
+        profile: Profile of the build.
+        samples: Count of ticks that are compared.
+
+    Returns:
+        The comparison of each tick.
+
+    Raises:
+        PlantError: The configuration is refused, or IPOPT fails.
+
+    """
+    c = default()
+    if config is not None:
+        c = read(config)
     c = c.changed(c.walls, mpc__steps=STEPS)
     arm = load("paper", profile, mpc=c)
     controller = MPC(arm, c)
@@ -85,7 +112,15 @@ def against_truth(config: str | None = None, profile: str = "native", samples: i
 
 
 def beside(found: tuple[Answer, ...]) -> list[str]:
-    """What to print."""
+    """Format the comparison for a terminal.
+
+    Args:
+        found: The comparison of each tick.
+
+    Returns:
+        Lines of text.
+
+    """
     out = [
         "plans beside IPOPT's of the whole problem: tick, status, iterations, its cost, the plan's, first torque apart"
     ]

@@ -1,4 +1,4 @@
-"""The admittance law's inner loop, tuned: what the predictive controller is compared with shall not be a straw man."""
+"""Tuning of the admittance law's inner loop, so that the predictive controller is compared with a good rival."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from hdagen.control import Controller
 from hdagen.mpc.configuration import Configuration
-from hdagen.mpc.trials import gains_of
+from hdagen.mpc.fitting import gains_of
 from hdagen.plant import Arm
 from hdagen.reference import Reference
 from hdagen.simulation import Push, Sensors, ideal, run
@@ -39,8 +39,21 @@ def tune(
     sensors: Sensors,
     evaluations: int = 40,
 ) -> Tuned:
-    """The inner loop's gains that bring the tip nearest to the ideal motion of ``c`` on this run, by `METHOD`; the
-    controller is left with them."""
+    """Tune the inner loop so that the tip comes nearest to the ideal motion on one run, by `METHOD`.
+
+    Args:
+        arm: The arm.
+        c: The configuration, whose admittance is asked for.
+        controller: The admittance law, which keeps the gains that were found.
+        path: The path of the run.
+        pushes: Forces on the tip.
+        sensors: The sensors.
+        evaluations: Runs that the tuning may take.
+
+    Returns:
+        The gains and the distance that they reach.
+
+    """
     from scipy.optimize import minimize
 
     start = np.log([controller.gains[name] for name in TUNED])

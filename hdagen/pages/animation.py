@@ -51,7 +51,7 @@ class _View:
 
 @dataclass(frozen=True)
 class _Scene:
-    """What both drawings show. ``arms`` holds label, colour and points (F, n + 1, 2)."""
+    """The content of both drawings. ``arms`` holds label, colour and points (F, n + 1, 2)."""
 
     time: Array
     arms: tuple[tuple[str, str, Array], ...]
@@ -70,26 +70,43 @@ def arm(
     caption: str = "",
     link: str = "",
 ) -> str:
-    """The ``arms`` over ``time`` (T,), s, ascending, with the ``target`` path (K, 2) of the tip.
+    """Animate arms; without the script it is a still picture of several poses.
 
-    ``pushes`` are (start, end, (force x, force y)), s and N, on the tip, base frame. ``seconds`` is how long it plays;
-    default: as long as it took. Without the script it is a still picture of several poses. Figures of one ``link``
-    follow its time. ValueError where shapes do not fit.
+    Args:
+        title: Heading.
+        time: Time of each sample, ascending, (T,) s.
+        arms: The arms, with points at every sample.
+        target: Path that the tip shall follow, (K, 2) m, base frame.
+        pushes: Forces on the tip as (start, end, (x, y)) in s and N, base frame.
+        seconds: Length of the animation, s; None: as long as the motion took.
+        caption: Text below the drawings.
+        link: Figures of one link follow the animation's time.
+
+    Returns:
+        The ``figure`` element.
+
+    Raises:
+        ValueError: Shapes do not fit each other, or the time is not ascending.
+
     """
     scene = _scene(title, time, arms, target, pushes)
     words = f"{title}: {', '.join(label for label, _, _ in scene.arms)}, with the path of the tip"
     drawings = "".join(_drawing(layout, words, scene) for layout in LAYOUTS)
-    start = float(scene.time[0]) if scene.time.size else 0.0
-    length = float(scene.time[-1]) - start if scene.time.size else 0.0
+    start = length = 0.0
+    if scene.time.size:
+        start = float(scene.time[0])
+        length = float(scene.time[-1]) - start
+    if seconds is None:
+        seconds = length
     data = {
         "start": start,
         "arrow": ARROW,
         "time": packed(scene.time - start),
-        "seconds": length if seconds is None else float(seconds),
+        "seconds": float(seconds),
         "arms": [
             {"label": label, "color": color, "points": packed(points.ravel())} for label, color, points in scene.arms
         ],
-        "joints": scene.arms[0][2].shape[1] if scene.arms else 0,
+        "joints": max((points.shape[1] for _, _, points in scene.arms), default=0),
         "pushes": [[float(begin), float(end), [float(x), float(y)]] for begin, end, (x, y) in pushes],
     }
     return frame.figure("arm", title, drawings, caption=caption, data=data, link=link)
@@ -116,12 +133,11 @@ def _scene(
     for points in clouds:
         whole &= np.isfinite(points).all(axis=(1, 2))
     rows = np.flatnonzero(whole)
-    rows = (
-        rows[np.unique(np.linspace(0, rows.size - 1, min(rows.size, FRAMES)).round().astype(int))]
-        if rows.size
-        else rows
-    )
-    way = np.zeros((0, 2)) if target is None else np.asarray(target, dtype=np.float64).reshape(-1, 2)
+    if rows.size:
+        rows = rows[np.unique(np.linspace(0, rows.size - 1, min(rows.size, FRAMES)).round().astype(int))]
+    way = np.zeros((0, 2))
+    if target is not None:
+        way = np.asarray(target, dtype=np.float64).reshape(-1, 2)
     named = [(one.label, one.color or CYCLE[at % len(CYCLE)]) for at, one in enumerate(arms)]
     return _Scene(
         moments[rows],
@@ -164,7 +180,10 @@ def _drawing(layout: Layout, words: str, scene: _Scene) -> str:
             )
         )
         lowest = top + view.height
-        left, top = (left + view.width + 16, top) if layout is WIDE else (0.0, lowest + 12)
+        if layout is WIDE:
+            left += view.width + 16
+        else:
+            top = lowest + 12
     return frame.drawing(layout, layout.width, round(lowest + 4, 1), words, *parts)
 
 
@@ -175,7 +194,9 @@ def _views(layout: Layout, scene: _Scene) -> list[_View]:
     if not close.size:
         return [_View("no data", True, 0.0, 0.0, 1.0, layout.width, 80.0)]
     apart = np.ptp(close, axis=0).max() < CLOSE * np.ptp(whole, axis=0).max()
-    half = (layout.width - 16) / 2 if layout is WIDE else layout.width
+    half = layout.width
+    if layout is WIDE:
+        half = (layout.width - 16) / 2
     if not apart:
         return [_view("", True, whole, layout.width, half)]
     return [_view("whole arm", False, whole, half, 0.92 * half), _view("tip", True, close, half, 0.92 * half)]
@@ -190,21 +211,27 @@ def _view(name: str, close: bool, points: Array, width: float, height: float) ->
 
 
 def _still(view: _View, scene: _Scene) -> str:
-    """Paths, poses and arrows as they stand in print; the script moves what is of class live."""
+    """Paths, poses and arrows as they stand in print; the script moves the elements of class live."""
     size = scene.time.size
-    poses = np.unique(np.linspace(0, size - 1, POSES).round().astype(int)).tolist() if size else []
-    parts = [_base(view, scene.arms[0][2][0, 0])] if scene.arms and size else []
+    parts, poses = [], ""
+    if scene.arms and size:
+        first = scene.arms[0][2]
+        parts.append(_base(view, first[0, 0]))
+        shown = np.unique(np.linspace(0, size - 1, POSES).round().astype(int)).tolist()
+        poses = "".join(_pose(view, first[at], 0.15, 6) for at in shown)
     parts.append(group("grey", _line(path(*view.place(scene.target)), 1.6, dash="5 4")))
-    for rank, (_, color, points) in enumerate(scene.arms):
-        still = "".join(_pose(view, points[at], 0.15, 6) for at in poses) if rank == 0 else ""
-        parts.append(group(color, tag("g", still, class_="poses"), _line(path(*view.place(points[:, -1])), 1.3)))
+    for _, color, points in scene.arms:
+        parts.append(group(color, tag("g", poses, class_="poses"), _line(path(*view.place(points[:, -1])), 1.3)))
+        poses = ""  # of the first arm alone
     for begin, end, force in scene.pushes:
         at = int(np.searchsorted(scene.time, (begin + end) / 2))
         if scene.arms and at < size:
             arrow = _arrow(view, scene.arms[0][2][at, -1], force, _longest(scene.pushes))
             parts.append(tag("g", arrow, class_="arrows", opacity=0.75))
     for rank, (_, color, points) in enumerate(scene.arms):  # the first is the thickest, so that none hides another
-        live = _pose(view, points[0], 0.9, 5 + 4 * (len(scene.arms) - 1 - rank)) if size else ""
+        live = ""
+        if size:
+            live = _pose(view, points[0], 0.9, 5 + 4 * (len(scene.arms) - 1 - rank))
         parts.append(group(color, _line("", 2.6, class_="trail"), live, class_="live"))
     parts.append(tag("g", _arrow(view, np.zeros(2), (0.0, 0.0), 1.0), class_="push", visibility="hidden"))
     return tag("svg", *parts, width=view.width, height=view.height)
@@ -249,8 +276,8 @@ def _longest(pushes: Sequence[Push]) -> float:
 
 
 def _arrow(view: _View, tip: Array, force: tuple[float, float], longest: float) -> str:
-    """An arrow that ends at the tip of the arm, as what pushes does; drawn along x and turned. Its size stands at its
-    end where there is room."""
+    """An arrow that ends at the tip of the arm, like a push; drawn along x and turned. In a close-up its size stands
+    at its end."""
     x, y = view.place(tip)
     size = math.hypot(*force)
     length = ARROW * view.height * size / longest
@@ -260,8 +287,11 @@ def _arrow(view: _View, tip: Array, force: tuple[float, float], longest: float) 
     turned = tag("g", shaft, head, transform=f"rotate({angle:.1f})", class_="turn")
     across, down = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     at_x, at_y = -across * (length + 30), -down * (length + 22) + 4
-    words = letters(round(at_x, 1), round(at_y, 1), f"{number(size, 3)} N", anchor="middle", strong=True, halo=True)
-    return group("ink", turned, words if view.close else "", transform=f"translate({x:.1f} {y:.1f})")
+    parts = [turned]
+    if view.close:
+        text = f"{number(size, 3)} N"
+        parts.append(letters(round(at_x, 1), round(at_y, 1), text, anchor="middle", strong=True, halo=True))
+    return group("ink", *parts, transform=f"translate({x:.1f} {y:.1f})")
 
 
 def _ruler(view: _View, font: float) -> str:
@@ -271,5 +301,7 @@ def _ruler(view: _View, font: float) -> str:
     length = next(step for step in (5, 2, 1) if step * power <= room) * power
     x, y = view.width - 12 - length * view.scale, view.height - 12
     bar = _line(f"M{x:.1f} {y - 4:.1f}v4h{length * view.scale:.1f}v-4", 1.3)
-    text = f"{number(length)} m" if length >= 1 else f"{number(1000 * length)} mm"
+    text = f"{number(1000 * length)} mm"
+    if length >= 1:
+        text = f"{number(length)} m"
     return bar + letters(view.width - 12 - length * view.scale / 2, y - 0.6 * font, text, anchor="middle", faint=True)

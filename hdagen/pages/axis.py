@@ -24,7 +24,16 @@ class Axis:
     log: bool = False
 
     def place(self, values: Array, pixels: float) -> Array:
-        """Distance from the low end in pixels, for an axis that is ``pixels`` long; NaN stays NaN."""
+        """Turn values into distances from the low end of the axis.
+
+        Args:
+            values: Values in base units; NaN stays NaN.
+            pixels: Length of the axis, px.
+
+        Returns:
+            Distances, px, of the same shape.
+
+        """
         if not self.log:
             return (values - self.low) / (self.high - self.low) * pixels
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -32,26 +41,59 @@ class Axis:
         return (logs - math.log(self.low)) / (math.log(self.high) - math.log(self.low)) * pixels
 
     def ticks(self, count: int) -> list[tuple[float, str]]:
-        """About ``count`` round values in base units with their text."""
-        return _decades(self, count) if self.log and self.high / self.low >= 10 else _steps(self, count)
+        """Choose round values for ticks.
+
+        Args:
+            count: About how many ticks there is room for.
+
+        Returns:
+            Each tick's value in base units, with its text.
+
+        """
+        if self.log and self.high / self.low >= 10:
+            return _decades(self, count)
+        return _steps(self, count)
 
     def widened(self, span: float) -> Axis:
-        """The same axis with its middle kept and ``span`` from low to high."""
+        """Change the length of the axis and keep its middle.
+
+        Args:
+            span: Distance from low to high, base units.
+
+        Returns:
+            The changed axis.
+
+        """
         middle = (self.low + self.high) / 2
         return replace(self, low=middle - span / 2, high=middle + span / 2)
 
 
 def fit(label: str, columns: Sequence[Array], *, log: bool = False, margin: float = 0.05) -> Axis:
-    """The axis that holds all finite ``columns`` (positive ones where ``log``) with ``margin`` of its span to spare."""
+    """Choose the axis that holds all finite values (all positive ones on a logarithmic axis).
+
+    Args:
+        label: "name (unit)" or "name", in base units.
+        columns: Values in base units.
+        log: Whether the axis is logarithmic.
+        margin: Share of the span that is left free at each end.
+
+    Returns:
+        The axis; from 0 (logarithmic: 0.1) to 1 where there is no value.
+
+    """
     values = np.concatenate([np.ravel(column) for column in columns] or [np.zeros(0)])
     values = values[np.isfinite(values) & ((values > 0) | (not log))]
+    if values.size == 0 and log:
+        return Axis(0.1, 1.0, quantity(label, 1.0), log)
     if values.size == 0:
-        return Axis(0.1 if log else 0.0, 1.0, quantity(label, 1.0), log)
+        return Axis(0.0, 1.0, quantity(label, 1.0), log)
     low, high = float(values.min()), float(values.max())
-    named = quantity(label, 1.0 if log else max(abs(low), abs(high)))
     if log:
-        spare = (high / low) ** margin if high > low else 2.0
-        return Axis(low / spare, high * spare, named, True)
+        spare = 2.0
+        if high > low:
+            spare = (high / low) ** margin
+        return Axis(low / spare, high * spare, quantity(label, 1.0), True)
+    named = quantity(label, max(abs(low), abs(high)))
     span = high - low
     if span <= 1e-9 * max(abs(low), abs(high)):  # constant: a picture of rounding errors would mislead
         half = max(abs(low), abs(high)) / 2 or 1.0
@@ -72,7 +114,7 @@ def _steps(axis: Axis, count: int) -> list[tuple[float, str]]:
 
 
 def _decades(axis: Axis, count: int) -> list[tuple[float, str]]:
-    """Powers of ten, with 2 and 5 between them where there is room, or every so many of them where there is not."""
+    """Powers of ten; with 2 and 5 between them where there is room, and with some left out where there is not."""
     first, last = math.ceil(math.log10(axis.low) - 1e-9), math.floor(math.log10(axis.high) + 1e-9)
     decades = last - first + 1
     if 3 * decades <= count:
@@ -87,4 +129,6 @@ def _power_text(mantissa: int, power: int, plain: bool) -> str:
     if plain or power == 0:
         return fixed(mantissa * 10.0**power, max(0, -power))
     raised = f"10{str(power).translate(RAISED)}"
-    return raised if mantissa == 1 else f"{mantissa}·{raised}"
+    if mantissa == 1:
+        return raised
+    return f"{mantissa}·{raised}"

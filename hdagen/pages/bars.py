@@ -34,6 +34,13 @@ class _Bar:
     low: float
     high: float
 
+    @property
+    def number(self) -> float | None:
+        """The value as JSON takes it: None where it is NaN."""
+        if math.isnan(self.value):
+            return None
+        return self.value
+
 
 def bars(
     title: str,
@@ -45,26 +52,42 @@ def bars(
     log: bool = False,
     caption: str = "",
 ) -> str:
-    """A bar for each of ``names`` in each of ``groups``; ``levels`` are (value, words) across all of them.
+    """Draw horizontal bars, one for each name in each group.
 
-    ``value_label`` is "name (unit)". On a ``log`` axis bars start at its left end, and what is not positive has none.
-    ValueError where a group does not have one value for every name.
+    Args:
+        title: Heading.
+        names: Names of the bars.
+        groups: Values of each group, one for every name.
+        value_label: "name (unit)" of the values.
+        levels: Lines across all bars as (value, words).
+        log: Whether the axis is logarithmic. Bars then start at its left end, and values up to 0 have no bar.
+        caption: Text below the drawings.
+
+    Returns:
+        The ``figure`` element.
+
+    Raises:
+        ValueError: A group does not have one value for every name.
+
     """
     table = [_checked(title, names, bars) for bars in groups]
     values = samples([x for row in table for bar in row for x in (bar.value, bar.low, bar.high)])
-    edges = [] if log else [np.zeros(1)]
-    axis = fit(value_label, [values, samples([value for value, _ in levels]), *edges], log=log, margin=0.0)
+    held = [values, samples([value for value, _ in levels])]
+    if not log:
+        held.append(np.zeros(1))
+    axis = fit(value_label, held, log=log, margin=0.0)
     if log:  # the shortest bar still has a length
         axis = replace(axis, low=10.0 ** math.floor(math.log10(axis.low / 1.5)))
     words = f"{title}: {axis.quantity.label} of {', '.join(names)}"
     drawings = "".join(_drawing(layout, words, names, groups, table, axis, levels) for layout in LAYOUTS)
     header = ["", *(bars.label or axis.quantity.name for bars in groups)]
-    rows = [[name, *(_numeral(row[at], axis) for row in table)] for at, name in enumerate(names)]
-    numbers = frame.rows_table(header, rows, axis.quantity.label)
-    data = {"rows": [["", *(f"{bars.label}: {axis.quantity.base_label}" for bars in groups)]] + [
-        [name, *(None if np.isnan(row[at].value) else row[at].value for row in table)] for at, name in enumerate(names)
-    ]}  # fmt: skip
-    return frame.figure("bars", title, drawings, caption=caption, numbers=numbers, data=data)
+    written: list[list[str]] = []
+    sent: list[list[str | float | None]] = [["", *(f"{bars.label}: {axis.quantity.base_label}" for bars in groups)]]
+    for name, *row in zip(names, *table, strict=True):
+        written.append([name, *(_numeral(bar, axis) for bar in row)])
+        sent.append([name, *(bar.number for bar in row)])
+    numbers = frame.rows_table(header, written, axis.quantity.label)
+    return frame.figure("bars", title, drawings, caption=caption, numbers=numbers, data={"rows": sent})
 
 
 def _checked(title: str, names: Sequence[str], bars: Bars) -> list[_Bar]:
@@ -76,16 +99,37 @@ def _checked(title: str, names: Sequence[str], bars: Bars) -> list[_Bar]:
                 f"figure {title!r}, bars {bars.label!r}: {what} has {column.size} numbers for {len(names)} names; "
                 "give one for every name"
             )
-    return [_Bar(*(float(x) for x in row)) for row in zip(values, low, high, strict=True)]
+    return [_Bar(*row) for row in zip(values.tolist(), low.tolist(), high.tolist(), strict=True)]
 
 
 def _numeral(bar: _Bar, axis: Axis) -> str:
     """The value and its interval as written beside the bar; over decades each has its own prefix, and so its unit."""
-    size = quantity(axis.quantity.base_label, abs(bar.value)) if axis.log and axis.quantity.base else axis.quantity
-    low, high = number(bar.low * size.factor, 3), number(bar.high * size.factor, 3)
-    interval = f" [{low}, {high}]" if np.isfinite(bar.low + bar.high) else ""
-    unit = f" {size.unit}" if axis.log and np.isfinite(bar.value) else ""
-    return number(bar.value * size.factor, 3) + interval + unit
+    size = axis.quantity
+    if axis.log and size.base:
+        size = quantity(size.base_label, abs(bar.value))
+    text = number(bar.value * size.factor, 3)
+    if np.isfinite(bar.low + bar.high):
+        text += f" [{number(bar.low * size.factor, 3)}, {number(bar.high * size.factor, 3)}]"
+    if axis.log and np.isfinite(bar.value):
+        text += f" {size.unit}"
+    return text
+
+
+def _box(x: float, y: float, width: float, height: float, solid: bool) -> str:
+    """A bar. The last group is solid, earlier ones are outlined, so that before and after differ without colour."""
+    opacity = 0.22
+    if solid:
+        opacity = 0.95
+    return tag(
+        "rect",
+        x=x,
+        y=y,
+        width=width,
+        height=height,
+        fill="currentColor",
+        fill_opacity=opacity,
+        stroke="currentColor",
+    )
 
 
 def _drawing(
@@ -101,23 +145,26 @@ def _drawing(
     font = layout.font
     longest = max((text_width(name, font) for name in names), default=0.0)
     above = longest > 0.4 * layout.width
-    left = 8.0 if above else longest + 14
+    left, name_height = longest + 14, 0.0
+    if above:
+        left, name_height = 8.0, 1.5 * font
     room = layout.width - left - max(
         (text_width(_numeral(bar, axis), font) for row in table for bar in row), default=0.0
     ) - 14  # fmt: skip
     thick = 0.95 * font
-    name_height = 1.5 * font if above else 0.0
     pitch = name_height + len(groups) * (thick + 4) + 10
-    parts, top = [], 3.2 * font if any(bars.label for bars in groups) else 1.6 * font
+    parts, top = [], 1.6 * font
+    if any(bars.label for bars in groups):
+        top = 3.2 * font
     height = pitch * len(names)
     scale = _scale(axis, room, height, font, levels)
     for at, name in enumerate(names):
         y = at * pitch + 5
         middle = y + name_height + len(groups) * (thick + 4) / 2 - 2
-        short = shortened(name, layout.width - left, font)
-        parts.append(
-            letters(0.0, y + font, short) if above else letters(-10.0, middle + 0.35 * font, name, anchor="end")
-        )
+        if above:
+            parts.append(letters(0.0, y + font, shortened(name, layout.width - left, font)))
+        else:
+            parts.append(letters(-10.0, middle + 0.35 * font, name, anchor="end"))
         for which, (bars, row) in enumerate(zip(groups, table, strict=True)):
             at_y = y + name_height + which * (thick + 4)
             solid = which == len(groups) - 1
@@ -128,15 +175,16 @@ def _drawing(
 
 
 def _bar(bar: _Bar, axis: Axis, room: float, y: float, thick: float, font: float, color: str, solid: bool) -> str:
-    """The last group is solid, earlier ones are outlined, so that before and after differ without colour."""
-    zero = 0.0 if axis.log else float(axis.place(np.zeros(1), room)[0])
+    """A bar with its interval as a whisker and its value behind it."""
+    zero = 0.0
+    if not axis.log:
+        zero = float(axis.place(np.zeros(1), room)[0])
     ends = axis.place(samples([bar.value, bar.low, bar.high]), room)
     text = _numeral(bar, axis)
     if np.isnan(ends[0]):
         return letters(zero + 6, y + 0.82 * thick, text, faint=True)
     left, right = sorted((zero, float(ends[0])))
-    box = tag("rect", x=left, y=y, width=max(right - left, 1.0), height=thick, fill="currentColor",
-              fill_opacity=0.95 if solid else 0.22, stroke="currentColor")  # fmt: skip
+    box = _box(left, y, max(right - left, 1.0), thick, solid)
     whisker, reach = "", max(right, zero)
     if np.isfinite(ends).all():
         a, b, middle, half = float(ends[1]), float(ends[2]), y + thick / 2, thick / 4
@@ -172,9 +220,7 @@ def _key(groups: Sequence[Bars], layout: Layout) -> str:
     parts, x = [], 0.0
     for which, bars in enumerate(groups):
         if bars.label:
-            solid = which == len(groups) - 1
-            box = tag("rect", x=x, y=0.35 * font, width=16.0, height=0.8 * font, fill="currentColor",
-                      fill_opacity=0.95 if solid else 0.22, stroke="currentColor")  # fmt: skip
+            box = _box(x, 0.35 * font, 16.0, 0.8 * font, which == len(groups) - 1)
             parts += [
                 group(bars.color or CYCLE[which % len(CYCLE)], box),
                 letters(x + 22, 1.1 * font, shortened(bars.label, room, font)),

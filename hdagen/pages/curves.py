@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdagen.pages import frame
 from hdagen.pages.axis import Axis, fit
+from hdagen.pages.curve_drawing import draw_plots, note_kept_samples, tabulate_curves
 from hdagen.pages.embed import embedded
-from hdagen.pages.frame import LAYOUTS, WIDE
 from hdagen.pages.palette import CYCLE, DASH_CYCLE, DASHES
-from hdagen.pages.plot import Plot, Trace, arrange
-from hdagen.pages.quantity import number
+from hdagen.pages.plot import Plot, Trace
 from hdagen.pages.thin import Array, kept, samples
 
 NUMBERS = 48_000  # that travel with a figure, about: 5.3 characters each keep a page of twenty figures below 5 MB
@@ -88,7 +87,28 @@ def lines(
     caption: str = "",
     link: str = "",
 ) -> str:
-    """One panel of ``series`` over ``x``; see ``panels``."""
+    """Draw one panel of curves over a shared x; ``panels`` says more of each argument.
+
+    Args:
+        title: Heading.
+        x: Numbers, ascending, (T,).
+        series: The curves.
+        y_label: "name (unit)" of y.
+        x_label: "name (unit)" of x.
+        bands: Stretches of x as (start, end, words).
+        levels: Lines across the panel as (value, words).
+        log_x: Whether x is logarithmic.
+        log_y: Whether y is logarithmic.
+        caption: Text below the drawings.
+        link: Figures of one link share cursor and zoom.
+
+    Returns:
+        The ``figure`` element.
+
+    Raises:
+        ValueError: Lengths differ, or x runs backwards.
+
+    """
     panel = Panel(y_label, series, levels=levels, log=log_y, height=1.6)
     return panels(title, x, [panel], x_label=x_label, bands=bands, log_x=log_x, caption=caption, link=link)
 
@@ -106,44 +126,43 @@ def panels(
     caption: str = "",
     link: str = "",
 ) -> str:
-    """Panels over one ``x`` (T,), row after row, ``columns`` beside each other.
+    """Draw panels over a shared x, row after row; an axis takes a prefix where that reads better.
 
-    Labels are "name (unit)" in SI base units; the axis takes a prefix where that reads better. ``bands`` are stretches
-    of x, (start, end, words). ``share_y``: panels of the same label get the same axis. Figures of one ``link`` share
-    cursor and zoom. ValueError where lengths differ or x runs backwards.
+    Args:
+        title: Heading.
+        x: Numbers, ascending, (T,).
+        panels: The panels, whose labels are "name (unit)" in SI base units.
+        x_label: "name (unit)" of x.
+        bands: Stretches of x as (start, end, words).
+        columns: Count of panels beside each other.
+        share_y: Whether panels of the same label get the same axis.
+        log_x: Whether x is logarithmic.
+        caption: Text below the drawings.
+        link: Figures of one link share cursor and zoom.
+
+    Returns:
+        The ``figure`` element.
+
+    Raises:
+        ValueError: Lengths differ, or x runs backwards.
+
     """
     base = _ascending(title, x)
     x_axis = fit(x_label, [base], log=log_x, margin=0.0)
-    full = [
-        Plot(
-            panel.heading,
-            x_axis,
-            x_axis,
-            tuple(_over(title, base, series, at) for at, series in enumerate(panel.series)),
-            bands=tuple(bands),
-            levels=tuple(panel.levels),
-            height=panel.height,
-        )
-        for panel in panels
-    ]
-    headroom = 0.09 if any(words for _, _, words in bands) else 0.0
-    axes = [_value_axis(panel, plot, headroom) for panel, plot in zip(panels, full, strict=True)]
+    full = [_panel_plot(title, base, x_axis, panel, bands) for panel in panels]
     if share_y:
-        axes = [_widest(axes, axis) for axis in axes]
+        axes = [plot.y for plot in full]
+        full = [replace(plot, y=_widest(axes, plot.y)) for plot in full]
     columns_of_all = [column for plot in full for column in _columns(plot)]
     rows = kept(x_axis.place(base, 1.0), columns_of_all, NUMBERS // (len(columns_of_all) + 1))
-    plots = [
-        replace(plot, y=axis, traces=tuple(_taken(trace, rows) for trace in plot.traces))
-        for plot, axis in zip(full, axes, strict=True)
-    ]
-    drawings = "".join(_drawings(title, plots, columns, limit=1e9, shared=True))
+    plots = [_with_rows(plot, [rows] * len(plot.traces)) for plot in full]
     return frame.figure(
         "curves",
         title,
-        drawings,
+        draw_plots(title, plots, columns, limit=1e9, shared=True),
         caption=caption,
-        note=_note(rows.size, base.size),
-        numbers=_numbers(replace(plot, y=axis) for plot, axis in zip(full, axes, strict=True)),
+        note=note_kept_samples(rows.size, base.size),
+        numbers=tabulate_curves(full),
         data=embedded(plots, shared=True),
         link=link,
     )
@@ -162,7 +181,27 @@ def xy(
     caption: str = "",
     link: str = "",
 ) -> str:
-    """One plane; see ``planes``."""
+    """Draw one plane of curves; ``planes`` says more of each argument.
+
+    Args:
+        title: Heading.
+        curves: The curves.
+        x_label: "name (unit)" of x.
+        y_label: "name (unit)" of y.
+        equal: Whether a unit is as long on x as on y.
+        marks: Places in the plane as (x, y, words).
+        log_x: Whether x is logarithmic.
+        log_y: Whether y is logarithmic.
+        caption: Text below the drawings.
+        link: Figures of one link share the time under the cursor.
+
+    Returns:
+        The ``figure`` element.
+
+    Raises:
+        ValueError: The x, y and time of a curve differ in length.
+
+    """
     return planes(
         title,
         [Plane(curves, marks=marks)],
@@ -189,35 +228,43 @@ def planes(
     caption: str = "",
     link: str = "",
 ) -> str:
-    """Planes with the same axes, ``columns`` beside each other; ``equal``: a unit is as long on x as on y.
+    """Draw planes of curves with the same axes, row after row.
 
-    ValueError where the x, y and time of a curve differ in length. Curves with ``time`` follow the cursor of their
-    ``link``.
+    Args:
+        title: Heading.
+        planes: The planes; curves with a time follow the cursor of their link.
+        x_label: "name (unit)" of x.
+        y_label: "name (unit)" of y.
+        columns: Count of planes beside each other.
+        equal: Whether a unit is as long on x as on y.
+        log_x: Whether x is logarithmic.
+        log_y: Whether y is logarithmic.
+        caption: Text below the drawings.
+        link: Figures of one link share the time under the cursor.
+
+    Returns:
+        The ``figure`` element.
+
+    Raises:
+        ValueError: The x, y and time of a curve differ in length.
+
     """
-    full = [[_in_plane(title, curve, at) for at, curve in enumerate(plane.curves)] for plane in planes]
+    full = [_plane_traces(title, plane) for plane in planes]
     every = [trace for mine in full for trace in mine]
     marks = [mark for plane in planes for mark in plane.marks]
     x_axis = fit(x_label, [trace.x for trace in every] + [samples([mark[0] for mark in marks])], log=log_x)
     y_axis = fit(y_label, [trace.y for trace in every] + [samples([mark[1] for mark in marks])], log=log_y)
-    share = NUMBERS // max(3 * len(every), 1)
-    plots = [
-        Plot(
-            plane.heading,
-            x_axis,
-            y_axis,
-            tuple(
-                _taken(trace, kept(np.arange(trace.x.size, dtype=np.float64), [trace.x, trace.y], share))
-                for trace in mine
-            ),
-            marks=tuple(plane.marks),
-            equal=equal and not (log_x or log_y),
-        )
-        for plane, mine in zip(planes, full, strict=True)
-    ]
+    share, even = NUMBERS // max(3 * len(every), 1), equal and not (log_x or log_y)
+    plots = []
+    for plane, mine in zip(planes, full, strict=True):
+        plot = Plot(plane.heading, x_axis, y_axis, mine, marks=tuple(plane.marks), equal=even)
+        plots.append(_with_rows(plot, [_path_rows(trace, share) for trace in mine]))
     size = sum(trace.x.size for plot in plots for trace in plot.traces)
-    limit = 440.0 if equal and len(plots) == 1 else 1e9
-    drawings = "".join(_drawings(title, plots, columns, limit=limit, shared=False))
-    note = _note(size, sum(trace.x.size for trace in every))
+    limit = 1e9
+    if equal and len(plots) == 1:
+        limit = 440.0
+    drawings = draw_plots(title, plots, columns, limit=limit, shared=False)
+    note = note_kept_samples(size, sum(trace.x.size for trace in every))
     data = embedded(plots, shared=False)
     return frame.figure("curves", title, drawings, caption=caption, note=note, data=data, link=link)
 
@@ -254,19 +301,21 @@ def _equal_lengths(title: str, label: str, x: Array, named: dict[str, Array]) ->
 
 
 def _over(title: str, x: Array, series: Series, at: int) -> Trace:
-    y = samples(series.y)
-    spread = (samples(series.band_of[0]), samples(series.band_of[1])) if series.band_of else None
+    y, spread = samples(series.y), None
     _equal_lengths(title, series.label, x, {"y": y})
-    if spread:
+    if series.band_of:
+        spread = samples(series.band_of[0]), samples(series.band_of[1])
         _equal_lengths(title, series.label, x, {"band_of low": spread[0], "band_of high": spread[1]})
     color, dash = _styled(title, series, at)
     return Trace(series.label, x, y, spread, None, color, dash, series.draw, series.width)
 
 
 def _in_plane(title: str, curve: Curve, at: int) -> Trace:
-    x, y = samples(curve.x), samples(curve.y)
-    time = None if curve.time is None else samples(curve.time)
-    _equal_lengths(title, curve.label, x, {"y": y} if time is None else {"y": y, "time": time})
+    x, y, time = samples(curve.x), samples(curve.y), None
+    _equal_lengths(title, curve.label, x, {"y": y})
+    if curve.time is not None:
+        time = samples(curve.time)
+        _equal_lengths(title, curve.label, x, {"time": time})
     color, dash = _styled(title, curve, at)
     return Trace(curve.label, x, y, None, time, color, dash, curve.draw, curve.width)
 
@@ -275,16 +324,39 @@ def _columns(plot: Plot) -> list[Array]:
     return [column for trace in plot.traces for column in (trace.y, *(trace.spread or ()))]
 
 
-def _taken(trace: Trace, rows: NDArray[np.intp]) -> Trace:
-    spread = (trace.spread[0][rows], trace.spread[1][rows]) if trace.spread else None
-    time = None if trace.time is None else trace.time[rows]
-    return replace(trace, x=trace.x[rows], y=trace.y[rows], spread=spread, time=time)
-
-
-def _value_axis(panel: Panel, plot: Plot, headroom: float) -> Axis:
+def _panel_plot(title: str, x: Array, x_axis: Axis, panel: Panel, bands: Sequence[Band]) -> Plot:
+    """The plot of a panel with all its samples; the words of bands need room above the curves."""
+    traces = tuple(_over(title, x, series, at) for at, series in enumerate(panel.series))
+    plot = Plot(panel.heading, x_axis, x_axis, traces, tuple(bands), tuple(panel.levels), height=panel.height)
     levels = samples([value for value, _ in panel.levels])
     axis = fit(panel.y_label, [*_columns(plot), levels], log=panel.log)
-    return axis if panel.log else replace(axis, high=axis.high + headroom * (axis.high - axis.low))
+    if not panel.log and any(words for _, _, words in bands):
+        axis = replace(axis, high=axis.high + 0.09 * (axis.high - axis.low))
+    return replace(plot, y=axis)
+
+
+def _plane_traces(title: str, plane: Plane) -> tuple[Trace, ...]:
+    return tuple(_in_plane(title, curve, at) for at, curve in enumerate(plane.curves))
+
+
+def _path_rows(trace: Trace, share: int) -> NDArray[np.intp]:
+    """The rows of a path that travel with the page, of about ``share``."""
+    return kept(np.arange(trace.x.size, dtype=np.float64), [trace.x, trace.y], share)
+
+
+def _with_rows(plot: Plot, rows: Sequence[NDArray[np.intp]]) -> Plot:
+    """The plot with some rows of each trace."""
+    traces = (_taken(trace, chosen) for trace, chosen in zip(plot.traces, rows, strict=True))
+    return replace(plot, traces=tuple(traces))
+
+
+def _taken(trace: Trace, rows: NDArray[np.intp]) -> Trace:
+    spread, time = trace.spread, trace.time
+    if spread:
+        spread = spread[0][rows], spread[1][rows]
+    if time is not None:
+        time = time[rows]
+    return replace(trace, x=trace.x[rows], y=trace.y[rows], spread=spread, time=time)
 
 
 def _widest(axes: Sequence[Axis], axis: Axis) -> Axis:
@@ -292,40 +364,3 @@ def _widest(axes: Sequence[Axis], axis: Axis) -> Axis:
     alike = [other for other in axes if other.quantity.base_label == axis.quantity.base_label and other.log == axis.log]
     named = min(alike, key=lambda other: other.quantity.factor)
     return replace(named, low=min(other.low for other in alike), high=max(other.high for other in alike))
-
-
-def _drawings(title: str, plots: Sequence[Plot], columns: int, *, limit: float, shared: bool) -> Iterator[str]:
-    words = _described(title, plots)
-    for layout in LAYOUTS:
-        height = (150.0 if layout is WIDE else 120.0) * (1.0 if shared else 1.6)
-        beside = columns if layout is WIDE else 1
-        body, width, tall = arrange(plots, layout, columns=beside, height=height, limit=limit, shared_x=shared)
-        yield frame.drawing(layout, width, tall, words, body)
-
-
-def _described(title: str, plots: Sequence[Plot]) -> str:
-    """One sentence for readers who cannot see the drawing."""
-    labels = ", ".join(dict.fromkeys(trace.label for plot in plots for trace in plot.traces if trace.label))
-    names = ", ".join(dict.fromkeys(plot.y.quantity.label for plot in plots))
-    over = plots[0].x.quantity.label if plots else "x"
-    return f"{title}: {names} over {over}" + (f"; curves: {labels}." if labels else ".")
-
-
-def _note(held: int, size: int) -> str:
-    if held == size:
-        return ""
-    few, all_ = (f"{count:,}".replace(",", "\N{NARROW NO-BREAK SPACE}") for count in (held, size))
-    return f"{few} of {all_} samples are kept, the smallest and the largest of every stretch among them."
-
-
-def _numbers(plots: Iterator[Plot]) -> str:
-    """The key numbers of every curve, over all its samples."""
-    rows = []
-    for plot in plots:
-        for trace in plot.traces:
-            values = trace.y[~np.isnan(trace.y)] * plot.y.quantity.factor
-            name = " · ".join(dict.fromkeys(part for part in (plot.heading, plot.y.quantity.name, trace.label) if part))
-            rms = float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
-            three = (values.min(), values.max(), values.mean()) if values.size else (np.nan,) * 3
-            rows.append([name, plot.y.quantity.unit, *(number(float(value)) for value in (*three, rms))])
-    return frame.rows_table(("curve", "unit", "smallest", "largest", "mean", "rms"), rows)

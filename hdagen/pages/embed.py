@@ -12,17 +12,25 @@ from hdagen.pages.thin import Array, packed
 
 
 def embedded(plots: Sequence[Plot], *, shared: bool) -> dict[str, object]:
-    """``columns`` of packed numbers in base units, and for each plot which of them its curves are made of.
+    """Collect the numbers of plots for the script.
 
-    ``shared``: all curves have the x of the first. The values of a column are ``start`` + its packed floats: far
-    from zero, as a clock's time of day is, the difference keeps the digits, and near it they keep themselves.
+    A column's values are ``start`` plus its packed floats: far from zero, as a clock's time of day is, the differences
+    keep their digits, and near zero ``start`` is 0.
+
+    Args:
+        plots: The plots as they are drawn.
+        shared: Whether all curves have the x of the first one.
+
+    Returns:
+        ``columns`` of packed numbers in base units, and for each plot the columns that its curves are made of.
+
     """
     columns: list[dict[str, object]] = []
 
     def column(label: str, values: Array) -> int:
-        finite = values[~np.isnan(values)]
-        far = finite.size > 0 and abs(finite[0]) > 10 * np.ptp(finite)
-        start = float(finite[0]) if far else 0.0
+        finite, start = values[~np.isnan(values)], 0.0
+        if finite.size > 0 and abs(finite[0]) > 10 * np.ptp(finite):
+            start = float(finite[0])
         columns.append({"label": label, "start": start, "data": packed(values - start)})
         return len(columns) - 1
 
@@ -30,10 +38,15 @@ def embedded(plots: Sequence[Plot], *, shared: bool) -> dict[str, object]:
     for plot in plots:
         curves = []
         for trace in plot.traces:
-            name = " ".join(part for part in (plot.heading, trace.label) if part)
-            of = f"{name}: " if name else ""
+            of = " ".join(part for part in (plot.heading, trace.label) if part)
+            if of:
+                of += ": "
             x_label, y_label = plot.x.quantity.base_label, plot.y.quantity.base_label
-            x = 0 if shared and columns else column(x_label if shared else of + x_label, trace.x)
+            x = 0
+            if not shared:
+                x = column(of + x_label, trace.x)
+            elif not columns:
+                x = column(x_label, trace.x)
             curve: dict[str, object] = {"x": x, "y": column(of + y_label, trace.y)}
             if trace.spread:
                 low, high = trace.spread

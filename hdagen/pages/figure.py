@@ -19,5 +19,13 @@ __all__ = [
 
 
 def abreast(figures: Sequence[str]) -> str:
-    """``figures`` beside each other, as many in a row as there is room for."""
+    """Place figures beside each other, as many in a row as there is room for.
+
+    Args:
+        figures: Markup of the figures.
+
+    Returns:
+        Markup of the group.
+
+    """
     return tag("div", *figures, class_="abreast")

@@ -22,27 +22,74 @@ class Layout:
 WIDE = Layout("wide", 820.0, 13.0)
 NARROW = Layout("narrow", 360.0, 12.0)
 LAYOUTS = (WIDE, NARROW)
+_LETTER_WIDTHS = dict.fromkeys("iIl.,:;'|!()[]· ", 0.34) | dict.fromkeys("mwMW—", 0.9)  # in heights of the letters
+_LETTER_WIDTH = 0.6  # of every other letter
+_HALO = {"class_": "halo", "stroke": PAPER, "stroke_width": 3, "paint_order": "stroke", "stroke_linejoin": "round"}
 
 
 def color(name: str) -> str:
-    """The colour called ``name`` on paper, as #rrggbb; ValueError names those that exist."""
+    """Look a colour up.
+
+    Args:
+        name: A key of ``palette.COLORS``.
+
+    Returns:
+        The colour on paper, as #rrggbb.
+
+    Raises:
+        ValueError: There is no such colour; the message names those that exist.
+
+    """
     if name not in COLORS:
         raise ValueError(f"colour {name!r}: there is no such colour; use one of {', '.join(COLORS)}")
     return COLORS[name][0]
 
 
 def group(name: str, *children: str, class_: str = "", **attributes: object) -> str:
-    """A ``g`` in the colour called ``name``: its children draw with currentColor."""
+    """Build a ``g`` element in one colour, in which its children draw with currentColor.
+
+    Args:
+        name: The colour, a key of ``palette.COLORS``.
+        *children: Markup of the children.
+        class_: Further CSS classes.
+        **attributes: Further attributes, as ``markup.tag`` takes them.
+
+    Returns:
+        The element as markup.
+
+    Raises:
+        ValueError: There is no such colour.
+
+    """
     return tag("g", *children, class_=f"{class_} {name}".strip(), color=color(name), **attributes)
 
 
 def text_width(text: str, font: float) -> float:
-    """Roughly how wide ``text`` is, px; a little generous."""
-    return font * sum(0.34 if letter in "iIl.,:;'|!()[]· " else 0.9 if letter in "mwMW—" else 0.6 for letter in text)
+    """Estimate the width of a text from its letters, a little generously.
+
+    Args:
+        text: One line.
+        font: Height of the letters, px.
+
+    Returns:
+        The width, px.
+
+    """
+    return font * sum(_LETTER_WIDTHS.get(letter, _LETTER_WIDTH) for letter in text)
 
 
 def shortened(text: str, room: float, font: float) -> str:
-    """``text`` where it fits into ``room`` px; otherwise as much of its beginning as does, and an ellipsis."""
+    """Shorten a text to a width.
+
+    Args:
+        text: One line.
+        room: Width that the text may take, px.
+        font: Height of the letters, px.
+
+    Returns:
+        The text if it fits, otherwise the longest beginning that fits, with an ellipsis.
+
+    """
     if text_width(text, font) <= room:
         return text
     short = clean(text[: max(int(room / (0.3 * font)), 0)])
@@ -61,25 +108,47 @@ def letters(
     faint: bool = False,
     halo: bool = False,
 ) -> str:
-    """A line of text whose base line starts, ends or is centred at (x, y); a ``halo`` keeps it legible over curves."""
-    return tag(
-        "text",
-        escape(text),
-        x=x,
-        y=y,
-        text_anchor=None if anchor == "start" else anchor,
-        font_weight=600 if strong else None,
-        fill_opacity=0.72 if faint else None,
-        class_="halo" if halo else None,
-        stroke=PAPER if halo else None,
-        stroke_width=3 if halo else None,
-        paint_order="stroke" if halo else None,
-        stroke_linejoin="round" if halo else None,
-    )
+    """Draw one line of text.
+
+    Args:
+        x: Place of the anchor, px.
+        y: Base line, px, downwards.
+        text: The text, not yet escaped.
+        anchor: "start", "middle" or "end": the part of the text that stands at ``x``.
+        strong: Bold letters.
+        faint: Letters that recede.
+        halo: A rim in the colour of the paper, which keeps the text legible over curves.
+
+    Returns:
+        The ``text`` element.
+
+    """
+    styles: dict[str, object] = {}
+    if anchor != "start":
+        styles["text_anchor"] = anchor
+    if strong:
+        styles["font_weight"] = 600
+    if faint:
+        styles["fill_opacity"] = 0.72
+    if halo:
+        styles |= _HALO
+    return tag("text", escape(text), x=x, y=y, **styles)
 
 
 def drawing(layout: Layout, width: float, height: float, description: str, *children: str) -> str:
-    """An ``svg`` that can stand alone: colours and fonts in it are attributes; a page may override them by class."""
+    """Build an ``svg`` that can stand alone: its colours and fonts are attributes, which a page may override by class.
+
+    Args:
+        layout: The layout that the drawing is made for.
+        width: Width of the drawing, px.
+        height: Height of the drawing, px.
+        description: One sentence for readers who cannot see the drawing.
+        *children: Markup of the drawing.
+
+    Returns:
+        The ``svg`` element.
+
+    """
     return tag(
         "svg",
         *children,
@@ -99,19 +168,31 @@ def drawing(layout: Layout, width: float, height: float, description: str, *chil
 def rows_table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", sentences: Sequence[str] = ()
 ) -> str:
-    """A table of ready text; the first column names the row. Columns named in ``sentences`` break their lines."""
-    words = ["words" if name in sentences else None for name in columns]
-    head = tag("tr", *(tag("th", escape(name), scope="col", class_=k) for name, k in zip(columns, words, strict=True)))
-    body = [
-        tag(
-            "tr",
-            tag("th", escape(row[0]), scope="row", class_=words[0]),
-            *(tag("td", escape(cell), class_=k) for cell, k in zip(row[1:], words[1:], strict=True)),
-        )
-        for row in rows
-    ]
-    title = tag("caption", escape(caption)) if caption else ""
-    return tag("div", tag("table", title, tag("thead", head), tag("tbody", *body)), class_="scroll")
+    """Build a table of ready text, whose first column names the row.
+
+    Args:
+        columns: Headings.
+        rows: Cells of each row, one for every column.
+        caption: Heading of the table, or none.
+        sentences: Headings of the columns that break their lines.
+
+    Returns:
+        The table in an element that scrolls.
+
+    """
+    broken = dict.fromkeys(sentences, "words")
+    classes = [broken.get(name) for name in columns]
+    heads = [tag("th", escape(name), scope="col", class_=kind) for name, kind in zip(columns, classes, strict=True)]
+    parts = [tag("thead", tag("tr", *heads)), tag("tbody", *(_table_row(row, classes) for row in rows))]
+    if caption:
+        parts.insert(0, tag("caption", escape(caption)))
+    return tag("div", tag("table", *parts), class_="scroll")
+
+
+def _table_row(row: Sequence[str], classes: Sequence[str | None]) -> str:
+    cells = [tag("th", escape(row[0]), scope="row", class_=classes[0])]
+    cells += [tag("td", escape(cell), class_=kind) for cell, kind in zip(row[1:], classes[1:], strict=True)]
+    return tag("tr", *cells)
 
 
 def figure(
@@ -125,16 +206,32 @@ def figure(
     data: object = None,
     link: str = "",
 ) -> str:
-    """The whole figure. ``kind`` tells the script what ``data`` means; figures of one ``link`` move together."""
-    words = [tag("span", escape(caption)) if caption else "", tag("span", escape(note), class_="note") if note else ""]
-    return tag(
-        "figure",
-        tag("h3", escape(title)),
-        tag("div", body, class_="drawing"),
-        tag("figcaption", " ".join(word for word in words if word)) if any(words) else "",
-        tag("details", tag("summary", "Numbers"), numbers) if numbers else "",
-        markup.block(data) if data is not None else "",
-        data_kind=kind,
-        data_link=link or None,
-        aria_label=title,
-    )
+    """Build the whole figure: title, drawings, caption, numbers and data.
+
+    Args:
+        kind: Tells the script how to read ``data``.
+        title: Heading, not yet escaped.
+        body: Markup of the drawings.
+        caption: Text below the drawings.
+        note: A remark behind the caption.
+        numbers: Markup of a table that opens on demand.
+        data: Numbers for the script, as JSON takes them; None: none.
+        link: Figures of one link share cursor and zoom.
+
+    Returns:
+        The ``figure`` element.
+
+    """
+    parts = [tag("h3", escape(title)), tag("div", body, class_="drawing")]
+    words = []
+    if caption:
+        words.append(tag("span", escape(caption)))
+    if note:
+        words.append(tag("span", escape(note), class_="note"))
+    if words:
+        parts.append(tag("figcaption", " ".join(words)))
+    if numbers:
+        parts.append(tag("details", tag("summary", "Numbers"), numbers))
+    if data is not None:
+        parts.append(markup.block(data))
+    return tag("figure", *parts, data_kind=kind, data_link=link or None, aria_label=title)

@@ -36,25 +36,35 @@ def heat(
     center: float | None = None,
     caption: str = "",
 ) -> str:
-    """``values`` (rows, columns), base units; NaN leaves a cell empty. Row 0 lies at the bottom, or on top for names.
+    """Draw a heat map, whose row 0 lies at the bottom, or on top where rows have names.
 
-    ``x`` holds the columns + 1 edges, ascending, or the columns' names; ``y`` likewise for rows. ``center``: colours
-    diverge about that value and reach as far to either side. ValueError where sizes do not fit.
+    Args:
+        title: Heading.
+        x: Edges of the columns (columns + 1), ascending, or the columns' names.
+        y: Edges of the rows (rows + 1), ascending, or the rows' names.
+        values: Numbers (rows, columns) in base units; NaN leaves a cell empty.
+        x_label: "name (unit)" of x.
+        y_label: "name (unit)" of y.
+        value_label: "name (unit)" of the values.
+        log_x: Whether x is logarithmic.
+        log_y: Whether y is logarithmic.
+        center: Value about which the colours diverge, as far to either side; None: they rise from low to high.
+        caption: Text below the drawings.
+
+    Returns:
+        The ``figure`` element.
+
+    Raises:
+        ValueError: Sizes do not fit each other, or there are more cells than can be seen.
+
     """
-    grid = np.asarray(values, dtype=np.float64)
-    if grid.ndim != 2:
-        raise ValueError(f"figure {title!r}: values have shape {grid.shape}; give one row for every cell of y")
-    rows, columns = grid.shape
-    cells = samples(grid).reshape(rows, columns)
+    cells = _grid(title, values)
+    rows, columns = cells.shape
     across = _edges(title, "x", x, columns, log_x)
     up = _edges(title, "y", y, rows, log_y)
     if cells.size > CELLS:
         raise ValueError(f"figure {title!r}: {cells.size} cells are more than can be seen; use at most {CELLS}")
-    scale = fit(value_label, [cells], margin=0.0)
-    if center is not None:
-        far = float(np.nanmax(np.abs(cells - center), initial=0.0)) or 1.0
-        scale = Axis(center - far, center + far, scale.quantity)
-    stops = SEQUENTIAL if center is None else DIVERGING
+    scale, stops = _color_scale(value_label, cells, center)
     shades = np.nan_to_num(scale.place(cells, SHADES), nan=-1.0).clip(-1, SHADES - 1).astype(int)
     axes = (_axis(x_label, across, log_x), _axis(y_label, up, log_y))
     words = f"{title}: {scale.quantity.label} over {x_label} and {y_label}"
@@ -67,8 +77,26 @@ def heat(
         "labels": [axes[0].quantity.base_label, axes[1].quantity.base_label, scale.quantity.base_label],
         "written": [[axis.quantity.name, axis.quantity.unit, axis.quantity.factor] for axis in (*axes, scale)],
     }  # fmt: skip
-    note = "Empty cells hold no data." if np.isnan(cells).any() else ""
+    note = ""
+    if np.isnan(cells).any():
+        note = "Empty cells hold no data."
     return frame.figure("heat", title, drawings, caption=caption, note=note, data=data)
+
+
+def _grid(title: str, values: ArrayLike) -> Array:
+    grid = np.asarray(values, dtype=np.float64)
+    if grid.ndim != 2:
+        raise ValueError(f"figure {title!r}: values have shape {grid.shape}; give one row for every cell of y")
+    return samples(grid).reshape(grid.shape)
+
+
+def _color_scale(label: str, cells: Array, center: float | None) -> tuple[Axis, tuple[str, ...]]:
+    """The axis of the values and its colours from low to high."""
+    scale = fit(label, [cells], margin=0.0)
+    if center is None:
+        return scale, SEQUENTIAL
+    far = float(np.nanmax(np.abs(cells - center), initial=0.0)) or 1.0
+    return Axis(center - far, center + far, scale.quantity), DIVERGING
 
 
 def _edges(title: str, name: str, edges: ArrayLike | Sequence[str], count: int, log: bool) -> Edges:
@@ -84,20 +112,28 @@ def _edges(title: str, name: str, edges: ArrayLike | Sequence[str], count: int, 
         or np.any(np.diff(numbers) <= 0)
         or (log and numbers[0] <= 0)
     ):
-        raise ValueError(
-            f"figure {title!r}: {name} must hold the {count + 1} edges of {count} cells, finite and ascending"
-            f"{', above 0 for a log axis' if log else ''}; it holds {numbers.size} numbers"
-        )
+        needed = f"the {count + 1} edges of {count} cells, finite and ascending"
+        if log:
+            needed += ", above 0 for a log axis"
+        raise ValueError(f"figure {title!r}: {name} must hold {needed}; it holds {numbers.size} numbers")
     return numbers
 
 
+def _edge_numbers(edges: Edges) -> Array:
+    """Edges as numbers; cells with names are one wide."""
+    if isinstance(edges, list):
+        return np.arange(len(edges) + 1.0)
+    return edges.astype(np.float64)
+
+
 def _axis(label: str, edges: Edges, log: bool) -> Axis:
-    numbers = np.arange(len(edges) + 1.0) if isinstance(edges, list) else edges
-    return fit(label, [numbers], log=log and not isinstance(edges, list), margin=0.0)
+    return fit(label, [_edge_numbers(edges)], log=log and not isinstance(edges, list), margin=0.0)
 
 
 def _sent(edges: Edges) -> list[str] | list[float]:
-    return edges if isinstance(edges, list) else edges.tolist()
+    if isinstance(edges, list):
+        return edges
+    return edges.tolist()
 
 
 def _drawing(
@@ -113,24 +149,29 @@ def _drawing(
 ) -> tuple[float, float, str, str]:
     """Width, height, description and body of the drawing."""
     font = layout.font
-    beside = up if isinstance(up, list) else [text for _, text in axes[1].ticks(7)]
+    beside, height = [text for _, text in axes[1].ticks(7)], 220.0
+    if layout is WIDE:
+        height = 300.0
+    if isinstance(up, list):
+        beside, height = up, min(30.0 * len(up), 360.0)
     left = 14 + min(max((text_width(name, font) for name in beside), default=0.0), NAMES * layout.width)
     key = 18 + 14 + 8 + max(text_width(text, font) for _, text in scale.ticks(6))
     width = layout.width - left - key
-    height = min(30.0 * len(up), 360.0) if isinstance(up, list) else (300.0 if layout is WIDE else 220.0)
     top = 2.2 * font
     name = shortened(axes[1].quantity.label, 0.45 * width, font)
     beside_it = width + key - 1.15 * text_width(name, font) - font  # strong letters are wider
-    x = (np.arange(len(across) + 1.0) if isinstance(across, list) else across).astype(np.float64)
-    y = (np.arange(len(up) + 1.0) if isinstance(up, list) else up).astype(np.float64)
-    px = axes[0].place(x, width)
-    py = axes[1].place(y, height) if isinstance(up, list) else height - axes[1].place(y, height)
+    px, py = axes[0].place(_edge_numbers(across), width), axes[1].place(_edge_numbers(up), height)
+    if not isinstance(up, list):
+        py = height - py
+    numerals: list[str] = []
+    if cells.size <= WRITTEN:
+        numerals = _numerals(px, py, cells, shades, scale, stops, font)
     body = tag(
         "g",
         letters(0.0, -0.8 * font, name, strong=True),
         letters(width + key, -0.8 * font, shortened(scale.quantity.label, beside_it, font), anchor="end", strong=True),
         *_patches(px, py, shades, stops),
-        *(_numerals(px, py, cells, shades, scale, stops, font) if cells.size <= WRITTEN else ()),
+        *numerals,
         *_tick_texts(layout, axes, across, up, px, py, width, height),
         tag("path", d=f"M0 0V{height:.1f}H{width:.1f}", fill="none", stroke="currentColor", stroke_opacity=0.55),
         _key(scale, stops, width + 18, height, font),
@@ -173,31 +214,34 @@ def _numerals(
         text = number(float(cells[row, column]) * scale.quantity.factor, 2)
         if text_width(text, font) + 4 > px[column + 1] - px[column] or font + 2 > abs(py[row + 1] - py[row]):
             continue
-        dark = lightness(_shade(stops, int(shades[row, column]))) < 0.22
+        ink = "#000000"
+        if lightness(_shade(stops, int(shades[row, column]))) < 0.22:
+            ink = "#ffffff"
         at_x, at_y = (px[column] + px[column + 1]) / 2, (py[row] + py[row + 1]) / 2 + 0.35 * font
-        texts.append(tag("g", letters(at_x, at_y, text, anchor="middle"), fill="#ffffff" if dark else "#000000"))
+        texts.append(tag("g", letters(at_x, at_y, text, anchor="middle"), fill=ink))
     return texts
 
 
 def _tick_texts(
     layout: Layout, axes: tuple[Axis, Axis], across: Edges, up: Edges, px: Array, py: Array, width: float, height: float
 ) -> list[str]:
-    font = layout.font
+    font, room = layout.font, width
     if isinstance(across, list):
         x = [((px[at] + px[at + 1]) / 2, name) for at, name in enumerate(across)]
+        room = width / len(x)
     else:
         x = [(axes[0].place(np.array([at]), width)[0], text) for at, text in axes[0].ticks(int(width / 80) + 1)]
     if isinstance(up, list):
         y = [((py[at] + py[at + 1]) / 2, name) for at, name in enumerate(up)]
     else:
         y = [(height - axes[1].place(np.array([at]), height)[0], text) for at, text in axes[1].ticks(7)]
-    room, left = (width / len(x) if isinstance(across, list) else width), NAMES * layout.width
     below = [
         letters(float(at), height + 1.5 * font, shortened(text, room, font), anchor="middle", faint=True)
         for at, text in x
     ]
     beside = [
-        letters(-7.0, float(at) + 0.35 * font, shortened(text, left, font), anchor="end", faint=True) for at, text in y
+        letters(-7.0, float(at) + 0.35 * font, shortened(text, NAMES * layout.width, font), anchor="end", faint=True)
+        for at, text in y
     ]
     return below + beside
 

@@ -12,33 +12,72 @@ UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u202a-\u202e
 
 
 def clean(text: object) -> str:
-    """``text`` with a replacement character for everything that may not stand in a page."""
+    """Replace every character that may not stand in a page.
+
+    Args:
+        text: Anything that can be written.
+
+    Returns:
+        The text with replacement characters.
+
+    """
     return UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", str(text))
 
 
 def escape(text: object) -> str:
-    """``text`` as it must stand in HTML to be read as text, inside elements and inside quoted attributes."""
+    """Escape a text so that HTML shows it as it is, inside elements and inside quoted attributes.
+
+    Args:
+        text: Anything that can be written.
+
+    Returns:
+        The escaped text, without characters that may not stand in a page.
+
+    """
     return html.escape(clean(text), quote=True)
 
 
 def tag(name: str, *children: str, **attributes: object) -> str:
-    """An element. ``children`` are markup already; attribute values are escaped here.
+    """Build an element of HTML or SVG.
 
-    In attribute names ``_`` stands for ``-`` and a trailing one is dropped (``class_``). None and False leave the
-    attribute out, True writes the bare name, floats are written to two decimals.
+    Args:
+        name: Name of the element.
+        *children: Markup of the children, which is not escaped.
+        **attributes: Values that are escaped here. In their names ``_`` stands for ``-``, and a trailing one is dropped
+            (``class_``). None and False leave the attribute out, True writes the bare name, and a float is written to
+            two decimals.
+
+    Returns:
+        The element as markup.
+
     """
     written = []
     for key, value in attributes.items():
         if value is None or value is False:
             continue
         plain = key.rstrip("_").replace("_", "-")
-        text = f"{round(value, 2):g}" if isinstance(value, float) else value
-        written.append(f" {plain}" if value is True else f' {plain}="{escape(text)}"')
+        if value is True:
+            written.append(f" {plain}")
+        elif isinstance(value, float):
+            written.append(f' {plain}="{round(value, 2):g}"')
+        else:
+            written.append(f' {plain}="{escape(value)}"')
     return f"<{name}{''.join(written)}>{''.join(children)}</{name}>"
 
 
 def block(data: object) -> str:
-    """``data`` as JSON in a script element that is read, never run; nothing in it can end the element."""
+    """Build a script element that holds JSON, which is read and never run.
+
+    Args:
+        data: Anything that JSON takes.
+
+    Returns:
+        The element; nothing in the data can end it.
+
+    Raises:
+        ValueError: A number is NaN or infinite.
+
+    """
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")
@@ -46,7 +85,15 @@ def block(data: object) -> str:
 
 
 def paragraphs(text: str) -> str:
-    """Plain text as HTML: an empty line ends a paragraph; one whose lines all start with four spaces is code."""
+    """Write plain text as HTML.
+
+    Args:
+        text: An empty line ends a paragraph; a paragraph whose lines all start with four spaces is code.
+
+    Returns:
+        The paragraphs as markup.
+
+    """
     parts = []
     for part in re.split(r"\n[ \t]*\n", text.strip("\n")):
         lines = [line for line in part.split("\n") if line.strip()]

@@ -31,10 +31,17 @@ class Section:
 
 
 def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str) -> str:
-    """The whole page as text. The same arguments give the same bytes.
+    """Write a whole page as text; the same arguments give the same bytes.
 
-    ``verdict`` is the one sentence to take home; ``reproduce`` says which commands make the page again (set like a
-    section's text).
+    Args:
+        title: Heading of the page.
+        verdict: The one sentence to take home.
+        sections: Sections in their order.
+        reproduce: The commands that make the page again, set like the text of a section.
+
+    Returns:
+        HTML that needs nothing from the network.
+
     """
     style = palette.style() + _part("style.css")
     script = "".join(_part(name) for name in SCRIPTS)
@@ -47,9 +54,10 @@ def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str
         tag("li", tag("a", escape(section.heading), href=f"#{name}"))
         for section, name in zip(sections, names, strict=True)
     )
-    body = [
-        tag("header", tag("h1", escape(title)), tag("p", escape(verdict), class_="verdict")),
-        tag("nav", tag("ul", links), aria_label="Contents") if len(sections) > 2 else "",
+    body = [tag("header", tag("h1", escape(title)), tag("p", escape(verdict), class_="verdict"))]
+    if len(sections) > 2:
+        body.append(tag("nav", tag("ul", links), aria_label="Contents"))
+    body += [
         tag("main", *(_section(section, name) for section, name in zip(sections, names, strict=True))),
         tag("footer", tag("h2", "How to reproduce this page"), paragraphs(reproduce)),
     ]
@@ -67,7 +75,7 @@ def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str
             f"<style>{style}</style>",
             "</head>",
             "<body>",
-            *(part for part in body if part),
+            *body,
             f'<script type="module">{script}</script>',
             "</body>",
             "</html>",
@@ -77,9 +85,18 @@ def render(title: str, verdict: str, sections: Sequence[Section], reproduce: str
 
 
 def write(path: str | os.PathLike[str], title: str, verdict: str, sections: Sequence[Section], reproduce: str) -> None:
-    """Render the page into ``path``: whole or not at all; what stood there stays until the new page is complete.
+    """Write a page whole or not at all: an older page at its place stays until the new one is complete.
 
-    OSError, with the place in its sentence, where the file cannot be written.
+    Args:
+        path: Where the page goes.
+        title: Heading of the page.
+        verdict: The one sentence to take home.
+        sections: Sections in their order.
+        reproduce: The commands that make the page again, set like the text of a section.
+
+    Raises:
+        OSError: The file cannot be written; the message names the place.
+
     """
     target = Path(path)
     text = render(title, verdict, sections, reproduce).encode("utf-8")
@@ -100,7 +117,9 @@ def _anchors(headings: Iterable[str]) -> list[str]:
     for heading in headings:
         name = re.sub(r"[^a-z0-9]+", "-", clean(heading).lower()).strip("-")[:40] or "section"
         count = sum(other == name or re.fullmatch(re.escape(name) + r"-\d+", other) is not None for other in names)
-        names.append(f"{name}-{count + 1}" if count else name)
+        if count:
+            name = f"{name}-{count + 1}"
+        names.append(name)
     return names
 
 

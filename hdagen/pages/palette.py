@@ -31,14 +31,30 @@ DIVERGING = ("#004c7f", "#2f86bd", "#9cc7e3", "#f4f4f2", "#f2b48d", "#cf6425", "
 
 
 def style() -> str:
-    """CSS: one class per colour that sets ``color`` on a dark screen; on paper the attribute in the drawing holds."""
+    """Write the CSS of the colours: one class per colour, which sets ``color`` on a dark screen.
+
+    On paper the attribute in the drawing holds.
+
+    Returns:
+        The style sheet.
+
+    """
     dark = "".join(f".{name}{{color:{night}}}" for name, (_, night) in COLORS.items())
     paper = "".join(f".key.{name}{{color:{day}}}" for name, (day, _) in COLORS.items())
     return f"{paper}\n@media screen and (prefers-color-scheme: dark){{{dark}{dark.replace('.', '.key.')}}}\n"
 
 
 def blend(stops: tuple[str, ...], position: float) -> str:
-    """The colour at ``position`` in [0, 1] along equally spaced ``stops``, linear in sRGB, as #rrggbb."""
+    """Blend colours, linearly in sRGB.
+
+    Args:
+        stops: Colours as #rrggbb, equally spaced from 0 to 1.
+        position: Place among the stops; it is kept within [0, 1].
+
+    Returns:
+        The colour as #rrggbb.
+
+    """
     scaled = min(max(position, 0.0), 1.0) * (len(stops) - 1)
     first = min(int(scaled), len(stops) - 2)
     share = scaled - first
@@ -50,9 +66,22 @@ def blend(stops: tuple[str, ...], position: float) -> str:
 
 
 def lightness(color: str) -> float:
-    """Relative luminance of #rrggbb in [0, 1] (WCAG 2.1)."""
+    """Compute the relative luminance of a colour.
+
+    Args:
+        color: The colour as #rrggbb.
+
+    Returns:
+        The luminance in [0, 1].
+
+    Source: WCAG 2.1, relative luminance.
+
+    """
     linear = []
     for at in (1, 3, 5):
         value = int(color[at : at + 2], 16) / 255
-        linear.append(value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4)
+        if value <= 0.04045:
+            linear.append(value / 12.92)
+        else:
+            linear.append(((value + 0.055) / 1.055) ** 2.4)
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

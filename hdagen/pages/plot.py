@@ -54,7 +54,17 @@ class Plot:
 
 
 def path(x: Array, y: Array, draw: str = "line") -> str:
-    """SVG path data through (x, y) in px, to a tenth; NaN interrupts it. A line skips steps shorter than NEAR."""
+    """Write the path data of SVG through points, to a tenth of a pixel.
+
+    Args:
+        x: Places to the right, (T,) px; NaN interrupts the path.
+        y: Places downwards, (T,) px.
+        draw: "line", whose steps shorter than NEAR are skipped, "step" or "points".
+
+    Returns:
+        The path data.
+
+    """
     parts: list[str] = []
     pen_down = False
     last_x = last_y = 0.0
@@ -78,7 +88,7 @@ def path(x: Array, y: Array, draw: str = "line") -> str:
 
 
 def _curve(trace: Trace, plot: Plot, width: float, height: float) -> str:
-    """The trace as paths; where pixels cannot show every sample, each keeps its smallest and its largest."""
+    """The trace as paths; where pixels cannot show every sample, each pixel keeps its smallest and its largest."""
     x = plot.x.place(trace.x, width)
     columns = [height - plot.y.place(values, height) for values in (trace.y, *(trace.spread or ()))]
     if x.size > 4 * width and np.all(np.diff(x) >= 0):
@@ -92,19 +102,28 @@ def _curve(trace: Trace, plot: Plot, width: float, height: float) -> str:
             for a, b in stretches(whole)
         ]
         area = tag("path", d="".join(rings), class_="spread", fill="currentColor", fill_opacity=0.18)
-    points = trace.draw == "points"
+    width, dashes, cap = _pen(trace)
     line = tag(
         "path",
         d=path(x, columns[0], trace.draw),
         class_="curve",
         fill="none",
         stroke="currentColor",
-        stroke_width=3 * trace.width if points else trace.width,
-        stroke_dasharray=None if points else DASHES[trace.dash],
+        stroke_width=width,
+        stroke_dasharray=dashes,
         stroke_linejoin="round",
-        stroke_linecap="round" if points and trace.dash == "solid" else "square" if points else None,
+        stroke_linecap=cap,
     )
     return group(trace.color, area, line, class_="trace")
+
+
+def _pen(trace: Trace) -> tuple[float, str | None, str | None]:
+    """Width, dashes and cap: points are dots of three widths, square where a line would have dashes."""
+    if trace.draw != "points":
+        return trace.width, DASHES[trace.dash], None
+    if trace.dash == "solid":
+        return 3 * trace.width, None, "round"
+    return 3 * trace.width, None, "square"
 
 
 def _area(plot: Plot, width: float, height: float, font: float, band_words: bool) -> str:
@@ -113,13 +132,17 @@ def _area(plot: Plot, width: float, height: float, font: float, band_words: bool
     for start, end, words in plot.bands:
         x = plot.x.place(np.array([start, end]), width)
         box = tag("rect", x=float(x[0]), width=max(float(x[1] - x[0]), 1.0), height=height, fill_opacity=0.09)
-        text = letters(float(x[0]) + 4, font, words, faint=True, halo=True) if band_words else ""
+        text = ""
+        if band_words:
+            text = letters(float(x[0]) + 4, font, words, faint=True, halo=True)
         parts.append(tag("g", box, text, class_="band", data_from=repr(float(start)), data_to=repr(float(end))))
     parts += [_curve(trace, plot, width, height) for trace in plot.traces]
     for value, words in plot.levels:
         y = height - float(plot.y.place(np.array([value]), height)[0])
         line = tag("path", d=f"M0 0H{width:g}", stroke="currentColor", stroke_dasharray="2 4")
-        base = -5.0 if y > 3 * font else 1.2 * font  # below the line where the words of bands stand above it
+        base = -5.0
+        if y <= 3 * font:  # below the line, as the words of bands stand above it
+            base = 1.2 * font
         text = letters(width - 4, base, words, anchor="end", faint=True, halo=True)
         parts.append(tag("g", line, text, class_="level", data_y=repr(float(value)), transform=f"translate(0 {y:.1f})"))
     for at_x, at_y, words in plot.marks:
@@ -142,7 +165,7 @@ def _area(plot: Plot, width: float, height: float, font: float, band_words: bool
 
 
 def _scales(plot: Plot, width: float, height: float, font: float, x_words: bool) -> str:
-    """Grid and tick texts. The script draws this group anew when it zooms: keep the two alike."""
+    """Grid and tick texts. The script draws this group again when it zooms: keep the two alike."""
     lines, texts = [], []
     for value, words in plot.y.ticks(int(height / 38) + 1):
         y = height - float(plot.y.place(np.array([value]), height)[0])
@@ -169,7 +192,7 @@ def _crowded(plot: Plot, room: float, font: float) -> bool:
 
 
 def _head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, float]:
-    """What stands above the axes, from their left end: name of y, then the key of the curves. Markup and height."""
+    """Markup and height of the head above the axes, from their left end: name of y, then the key of the curves."""
     parts, y, name = [], 0.0, _name(plot)
     if crowded and plot.heading:
         parts = [letters(0.0, 0.0, shortened(plot.heading, room / 1.08, font), strong=True)]
@@ -184,15 +207,19 @@ def _head(plot: Plot, room: float, font: float, crowded: bool) -> tuple[str, flo
         wide = 30 + text_width(label, font)
         if x + wide > room and x > 0:
             x, y = 0.0, y + 1.45 * font
-        points = trace.draw == "points"
+        thick, dashes, cap = _pen(trace)
+        data = f"M{x + 12:.1f} {y - 0.33 * font:.1f}h.01"
+        if trace.draw != "points":
+            data = f"M{x:.1f} {y - 0.33 * font:.1f}h24"
+            thick = max(thick, 2.0)
         sample = tag(
             "path",
-            d=f"M{x + 12:.1f} {y - 0.33 * font:.1f}h.01" if points else f"M{x:.1f} {y - 0.33 * font:.1f}h24",
+            d=data,
             fill="none",
             stroke="currentColor",
-            stroke_width=3 * trace.width if points else max(trace.width, 2.0),
-            stroke_dasharray=None if points else DASHES[trace.dash],
-            stroke_linecap="round" if points and trace.dash == "solid" else "square" if points else None,
+            stroke_width=thick,
+            stroke_dasharray=dashes,
+            stroke_linecap=cap,
         )
         parts += [group(trace.color, sample), letters(x + 30, y, label)]
         x += wide + 18
@@ -206,13 +233,50 @@ def _equalled(plot: Plot, width: float, height: float) -> Plot:
     return replace(plot, x=plot.x.widened(unit * width), y=plot.y.widened(unit * height))
 
 
+def _placed(
+    plot: Plot,
+    head: str,
+    place: tuple[float, float],
+    size: tuple[float, float],
+    font: float,
+    *,
+    named: bool,
+    band_words: bool,
+) -> str:
+    """A plot at its place; ``named``: with the numbers and the name of x."""
+    width, height = size
+    if plot.equal:
+        plot = _equalled(plot, width, height)
+    parts = [head, _scales(plot, width, height, font, named), _area(plot, width, height, font, band_words)]
+    if named:
+        name = shortened(plot.x.quantity.label, width, font)
+        parts.append(letters(width / 2, height + 3.1 * font, name, anchor="middle", strong=True))
+    return tag(
+        "g",
+        *parts,
+        class_="plot",
+        transform=f"translate({place[0]:.1f} {place[1]:.1f})",
+        data_x=f"{plot.x.low!r} {plot.x.high!r}",
+        data_y=f"{plot.y.low!r} {plot.y.high!r}",
+    )
+
+
 def arrange(
     plots: Sequence[Plot], layout: Layout, *, columns: int, height: float, limit: float = 1e9, shared_x: bool = True
 ) -> tuple[str, float, float]:
-    """The plots row after row, ``columns`` beside each other: markup, width and height of the whole in px.
+    """Arrange plots row after row.
 
-    ``height`` is that of the axes of a plot of relative height 1; ``limit`` bounds the width of the axes. Where
-    ``shared_x``, only the lowest plot of a column carries the numbers and the name of x.
+    Args:
+        plots: The plots in their order.
+        layout: The layout that the drawing is made for.
+        columns: Count of plots beside each other, at most.
+        height: Height of the axes of a plot of relative height 1, px.
+        limit: Largest width of the axes, px.
+        shared_x: Whether only the lowest plot of a column carries the numbers and the name of x.
+
+    Returns:
+        Markup, width and height of the whole, px.
+
     """
     columns = max(1, min(columns, len(plots)))
     font = layout.font
@@ -231,25 +295,11 @@ def arrange(
         top += max(head_height for _, head_height in heads)
         below = 0.0
         for at, (plot, (head, _)) in enumerate(zip(row, heads, strict=True)):
-            last = not shared_x or first + at + columns >= len(plots)
-            drawn = _equalled(plot, width, tall) if plot.equal else plot
-            x = left + at * (width + left + RIGHT + GAP)
-            x_name = shortened(plot.x.quantity.label, width, font)
-            name = letters(width / 2, tall + 3.1 * font, x_name, anchor="middle", strong=True)
-            below = max(below, (3.7 if last else 0.5) * font)
-            parts.append(
-                tag(
-                    "g",
-                    head,
-                    _scales(drawn, width, tall, font, last),
-                    _area(drawn, width, tall, font, first == 0),
-                    name if last else "",
-                    class_="plot",
-                    transform=f"translate({x:.1f} {top:.1f})",
-                    data_x=f"{drawn.x.low!r} {drawn.x.high!r}",
-                    data_y=f"{drawn.y.low!r} {drawn.y.high!r}",
-                )
-            )
+            x, last = left + at * (width + left + RIGHT + GAP), not shared_x or first + at + columns >= len(plots)
+            parts.append(_placed(plot, head, (x, top), (width, tall), font, named=last, band_words=first == 0))
+            below = max(below, 0.5 * font)
+            if last:
+                below = max(below, 3.7 * font)
         top += tall + below
     whole = columns * (left + width + RIGHT) + (columns - 1) * GAP
     return "".join(parts), round(whole, 1), round(top + 2, 1)

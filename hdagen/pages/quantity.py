@@ -24,18 +24,34 @@ class Quantity(NamedTuple):
     @property
     def label(self) -> str:
         """The name and, in brackets, the written unit."""
-        return f"{self.name} ({self.unit})" if self.unit else self.name
+        return _label(self.name, self.unit)
 
     @property
     def base_label(self) -> str:
         """The name and, in brackets, the base unit, which is that of the data."""
-        return f"{self.name} ({self.base})" if self.base else self.name
+        return _label(self.name, self.base)
+
+
+def _label(name: str, unit: str) -> str:
+    if not unit:
+        return name
+    return f"{name} ({unit})"
 
 
 def quantity(label: str, largest: float) -> Quantity:
-    """``label`` is "name (unit)" or "name"; the prefix suits values up to ``largest`` in base units."""
-    found = re.fullmatch(r"(.*\S)\s*\(([^()]+)\)\s*", label, re.DOTALL)
-    name, unit = (found[1], found[2]) if found else (label.strip(), "")
+    """Read a label and choose the prefix of its unit.
+
+    Args:
+        label: "name (unit)" or "name", the unit without a prefix.
+        largest: Largest size among the values, in the unit of the label.
+
+    Returns:
+        The quantity, whose factor suits values up to ``largest``.
+
+    """
+    name, unit = label.strip(), ""
+    if found := re.fullmatch(r"(.*\S)\s*\(([^()]+)\)\s*", label, re.DOTALL):
+        name, unit = found[1], found[2]
     if not (math.isfinite(largest) and largest > 0) or 0.1 <= largest < 1e4:
         return Quantity(name, unit, 1.0, unit)
     power = 3 * math.floor(math.log10(largest) / 3 + 1e-9)
@@ -47,28 +63,56 @@ def quantity(label: str, largest: float) -> Quantity:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """``value`` with ``decimals`` decimals, a true minus sign, and no negative zero."""
+    """Write a number with a true minus sign, and without a negative zero.
+
+    Args:
+        value: The number.
+        decimals: Count of decimals.
+
+    Returns:
+        The text.
+
+    """
     text = f"{value:.{decimals}f}"
-    return text.replace("-", "" if not text.strip("-0.") else MINUS)
+    if not text.strip("-0."):
+        return text.replace("-", "")
+    return text.replace("-", MINUS)
 
 
 def number(value: float, digits: int = 4) -> str:
-    """``value`` with ``digits`` significant digits, as it stands in a table; NaN is a dash."""
+    """Write a number as it stands in a table.
+
+    Args:
+        value: The number; NaN is written as a dash.
+        digits: Count of significant digits.
+
+    Returns:
+        The text, with a power of ten where the number is very large or very small.
+
+    """
     if isinstance(value, int) and abs(value) < 10**9:
         return fixed(value, 0)
     value = float(value)
     if math.isnan(value):
         return "–"
-    if math.isinf(value):
-        return "∞" if value > 0 else MINUS + "∞"
+    if value == math.inf:
+        return "∞"
+    if value == -math.inf:
+        return MINUS + "∞"
     if value == 0:
         return "0"
     power = int(f"{value:.{digits - 1}e}".split("e")[1])
     if -4 <= power < 6:
-        text = fixed(value, max(digits - 1 - power, 0))
-        return text.rstrip("0").rstrip(".") if "." in text else text
-    mantissa = (
-        fixed(value / 10.0**power, digits - 1) if power > -300 else fixed(value * 1e300 / 10.0 ** (power + 300), 3)
-    )
-    mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
-    return f"{mantissa}×10{str(power).translate(RAISED)}"
+        return _without_zeros(fixed(value, max(digits - 1 - power, 0)))
+    if power > -300:
+        mantissa = fixed(value / 10.0**power, digits - 1)
+    else:
+        mantissa = fixed(value * 1e300 / 10.0 ** (power + 300), 3)
+    return f"{_without_zeros(mantissa)}×10{str(power).translate(RAISED)}"
+
+
+def _without_zeros(text: str) -> str:
+    """The number without the zeros at the end of its decimals."""
+    if "." not in text:
+        return text
+    return text.rstrip("0").rstrip(".")

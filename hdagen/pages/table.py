@@ -20,18 +20,33 @@ def table(
     caption: str = "",
     sentences: Sequence[str] = (),
 ) -> str:
-    """``rows`` of words and numbers under ``columns``; numbers to ``digits`` significant digits, None is a dash; the
-    columns named in ``sentences`` hold text that breaks its lines.
+    """Draw a table of words and numbers; its CSV holds the numbers in full.
 
-    The CSV holds the numbers in full. ValueError where a row does not have one cell for every column.
+    Args:
+        title: Heading.
+        columns: Headings of the columns.
+        rows: Cells, one for every column; None is written as a dash.
+        digits: Count of significant digits of numbers.
+        caption: Text below the table.
+        sentences: Headings of the columns whose text breaks its lines.
+
+    Returns:
+        The ``figure`` element.
+
+    Raises:
+        ValueError: A row does not have one cell for every column.
+
     """
     for at, row in enumerate(rows):
         if len(row) != len(columns):
             raise ValueError(
                 f"table {title!r}: row {at} has {len(row)} cells for {len(columns)} columns; give one for every column"
             )
-    written = [[_written(cell, digits) for cell in row] for row in rows]
-    data = {"rows": [list(columns), *([_sent(cell) for cell in row] for row in rows)]}
+    written, sent = [], [list[Cell](columns)]
+    for row in rows:
+        written.append([_written(cell, digits) for cell in row])
+        sent.append([_sent(cell) for cell in row])
+    data = {"rows": sent}
     return frame.figure(
         "table", title, frame.rows_table(columns, written, sentences=sentences), caption=caption, data=data
     )
@@ -40,14 +55,22 @@ def table(
 def _written(cell: Cell, digits: int) -> str:
     if cell is None:
         return "–"
-    if isinstance(cell, bool):
-        return "yes" if cell else "no"
-    return cell if isinstance(cell, str) else number(cell, digits)
+    if cell is True:
+        return "yes"
+    if cell is False:
+        return "no"
+    if isinstance(cell, str):
+        return cell
+    return number(cell, digits)
 
 
 def _sent(cell: Cell) -> Cell:
-    """NaN and infinities are no JSON; they go as words."""
+    """The cell as JSON takes it: NaN and infinities, which JSON lacks, become words."""
     if isinstance(cell, (str, bool)) or cell is None:
         return cell
     value = float(cell)
-    return str(value) if not math.isfinite(value) else int(cell) if value == int(value) else value
+    if not math.isfinite(value):
+        return str(value)
+    if value == int(value):
+        return int(cell)
+    return value

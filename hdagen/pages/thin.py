@@ -12,17 +12,31 @@ LARGEST = 1e37  # what lies beyond cannot be packed in 32 bits: it is a gap, and
 
 
 def samples(values: ArrayLike) -> Array:
-    """``values`` as a flat float array in which everything that cannot be drawn is NaN."""
+    """Take numbers as samples of a drawing.
+
+    Args:
+        values: Numbers of any shape.
+
+    Returns:
+        A flat float array in which everything that cannot be drawn is NaN.
+
+    """
     flat = np.asarray(values, dtype=np.float64).ravel()
     size = np.abs(flat)
     return np.where(size < LARGEST, np.where(size < 1 / LARGEST, 0.0, flat), np.nan)
 
 
 def extremes(position: Array, columns: list[Array], stretches: int) -> NDArray[np.intp]:
-    """Rows to keep, ascending: first and last, and of every stretch each column's smallest, largest and first gap.
+    """Find the rows that a drawing needs: first and last, and each column's extremes and first gap in every stretch.
 
-    ``position`` (T,) places each row along the axis that is cut into ``stretches`` equal parts. At most
-    3 · len(columns) · stretches + 2 rows are kept, each a sample as it was.
+    Args:
+        position: Place of each row along the axis, (T,).
+        columns: Curves over that axis, (T,) each; NaN is a gap.
+        stretches: Count of equal parts into which the axis is cut.
+
+    Returns:
+        Rows to keep, ascending, at most 3 · len(columns) · stretches + 2.
+
     """
     size = position.size
     if size == 0:
@@ -30,8 +44,10 @@ def extremes(position: Array, columns: list[Array], stretches: int) -> NDArray[n
     keep = np.zeros(size, dtype=bool)
     keep[[0, -1]] = True
     finite = position[np.isfinite(position)]
-    low, span = (finite.min(), np.ptp(finite)) if finite.size else (0.0, 0.0)
-    share = np.zeros(size) if span == 0 else (np.nan_to_num(position, nan=low) - low) / span
+    share = np.zeros(size)
+    if finite.size and (span := np.ptp(finite)) != 0:
+        low = finite.min()
+        share = (np.nan_to_num(position, nan=low) - low) / span
     stretch = np.clip((share * stretches).astype(np.intp), 0, stretches - 1)
     for column in columns:
         gaps = np.flatnonzero(np.isnan(column))
@@ -47,7 +63,17 @@ def extremes(position: Array, columns: list[Array], stretches: int) -> NDArray[n
 
 
 def kept(position: Array, columns: list[Array], limit: int) -> NDArray[np.intp]:
-    """About ``limit`` rows, ascending, or all: the extremes of as many stretches as fit, then evenly spaced ones."""
+    """Choose rows that travel with a page: the extremes of as many stretches as fit, then evenly spaced ones.
+
+    Args:
+        position: Place of each row along the axis, (T,).
+        columns: Curves over that axis, (T,) each.
+        limit: About how many rows to keep.
+
+    Returns:
+        Rows, ascending; all of them where there are no more than ``limit``.
+
+    """
     if position.size <= limit:
         return np.arange(position.size)
     chosen = extremes(position, columns, max(limit // (4 * max(len(columns), 1)), 1))
@@ -56,5 +82,13 @@ def kept(position: Array, columns: list[Array], limit: int) -> NDArray[np.intp]:
 
 
 def packed(values: Array) -> str:
-    """``values`` as base64 of little-endian 32-bit floats; seven digits are more than any figure shows."""
+    """Pack numbers as text; seven digits are more than any figure shows.
+
+    Args:
+        values: Numbers, (T,).
+
+    Returns:
+        Little-endian 32-bit floats in base64.
+
+    """
     return base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")
