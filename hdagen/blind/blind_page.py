@@ -43,6 +43,9 @@ JOINTS = (
     "not quite linearly, and up to a tenth of it that has no name. The robot file states other parameters than the "
     "true ones, by 2 to 4 % standard deviation, and no friction, or half of it."
 )
+CASE_COLUMNS = (
+    "case", "truth", "size", "snr", "verdict", "beside it", "p of truth", "gap before", "after", "closed (%)",
+)  # fmt: skip
 NB = "\N{NO-BREAK SPACE}"
 
 
@@ -262,18 +265,7 @@ def _parameters(report: Report) -> page.Section:
 
 
 def _cases(report: Report) -> page.Section:
-    columns = [
-        "case",
-        "truth",
-        "size",
-        "snr",
-        "verdict",
-        "beside it",
-        "p of truth",
-        "gap before",
-        "after",
-        "closed (%)",
-    ]
+    columns = [*CASE_COLUMNS]
     size = "in multiples of the typical one (docs/blind.md)"
     rows = [_case_cells(row) for row in report.rows]
     brackets = ""
