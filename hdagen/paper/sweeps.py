@@ -1,5 +1,5 @@
-"""Maps of settling time, overshoot and largest displacement over M, B, K, and where each claim of III.C stops holding:
-closed loops of thousands of sets on the prototype, controller and sensors in the compiled batch."""
+"""Maps of settling time, overshoot and largest displacement over M, B, K, and the limits of each claim of III.C: closed
+loops of thousands of sets on the prototype, controller and sensors in the compiled batch."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ RATIO = "damping ratio B/(2 √(K M)) (1)"
 VALUES = ("settling time (s)", "overshoot (1)", "largest displacement (m)")
 REGIONS = {"under-damped": (0.0, 0.7), "near critical": (0.7, 1.4), "over-damped": (1.4, np.inf)}  # damping ratio
 CLASSES = np.geomspace(0.05, 8.0, 15)  # of damping ratio
-KEEPS = 0.9  # share of neighbours from which a claim holds
-TOGETHER, COARSE = 2000, 0.01  # about as many sets of the ideal at once; s from row to row of it, exact at its rows
+KEEPS = 0.9  # share of neighbouring sets from which a claim holds
+TOGETHER, COARSE = 2000, 0.01  # sets of the ideal in a batch; s between its rows, at which it is exact
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A grid of sets: ``M``, ``B``, ``K`` each (m, b, k); answers (m, b, k, axes, 3) of arm and ideal; s that
-    the arm's took, by the clock and of all processors."""
+    """A grid of sets: ``M``, ``B``, ``K`` each (m, b, k); responses (m, b, k, axes, 3) of arm and ideal; duration of
+    the arm's runs by the clock and of all processors, s."""
 
     M: Array
     B: Array
@@ -44,17 +44,17 @@ class Sweep:
 
     @property
     def ratio(self) -> Array:
-        """Damping ratio."""
+        """Damping ratio of each set (m, b, k)."""
         return damping_ratio(self.M, self.B, self.K)
 
 
 def whole(bench: Bench, law: str) -> Sweep:
-    """The sweep of a law's map."""
+    """Sweep the grid of a law's map, once a bench."""
     return bench.once(("swept", law), partial(swept, bench, law, SHAPE))
 
 
 def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
-    """Every set of the grid: 10 s each at 1 kHz, with encoders of 4096 counts, the same pushes and noise for all."""
+    """Run every set of a grid: 10 s each at 1 kHz, with encoders of 4096 counts, the same pushes and noise for all."""
     sides = [np.geomspace(*RANGES[letter], count) for letter, count in zip("MBK", shape, strict=True)]
     M, B, K = np.meshgrid(*sides, indexing="ij")
     path, arm = turns(SECONDS), bench.lean()
@@ -77,26 +77,28 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
 
 
 def _ideal(sets: Array) -> Array:
-    """What ``sets`` (W, 3) of M, B, K promise, the same for every law: answers (W, axes, 3)."""
+    """Responses (W, axes, 3) of the ideal with ``sets`` (W, 3) of M, B, K, the same for every law."""
     parts = np.array_split(sets, max(1, len(sets) // TOGETHER))
     return np.concatenate([answers(ideally(part, PUSHES, SECONDS, COARSE), PUSHES, COARSE) for part in parts])
 
 
 def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, float]]:
-    """Mean exponent of a measure (of the push in x) by M, B and K, region by region: −1 halves it where the letter is
-    doubled, 0 leaves it. A mean, for settling to a band moves in steps of half a swing."""
+    """Mean exponent of M, B and K in a measure of the push in x, by region. At −1 doubling the letter halves the
+    measure. A mean, as the settling time moves in steps of half a swing."""
     found: dict[str, dict[str, float]] = {}
     for letter in "MBK":
         slope = _slopes(sweep, table, letter, measure)
         found[letter] = {}
         for region, (low, high) in REGIONS.items():
             inside = slope[(sweep.ratio >= low) & (sweep.ratio < high) & np.isfinite(slope)]
-            found[letter][region] = float(np.mean(inside)) if len(inside) > 20 else float("nan")
+            found[letter][region] = float("nan")
+            if len(inside) > 20:
+                found[letter][region] = float(np.mean(inside))
     return found
 
 
 def _slopes(sweep: Sweep, table: Array, letter: str, measure: str) -> Array:
-    """d log measure / d log letter at every set (m, b, k), NaN where there is hardly anything to measure."""
+    """d log measure / d log letter at every set (m, b, k), NaN where the measure is too small."""
     axis, values = "MBK".index(letter), table[..., 0, MEASURES.index(measure)]
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(np.where(values > 1e-4, values, np.nan))
@@ -106,7 +108,7 @@ def _slopes(sweep: Sweep, table: Array, letter: str, measure: str) -> Array:
 
 
 def powers(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[float, float]]:
-    """(damping ratio, mean exponent of the measure by ``letter``) in classes of damping ratio."""
+    """(damping ratio, mean exponent of ``letter`` in the measure) of each class of damping ratio."""
     slope = _slopes(sweep, table, letter, measure)
     found = []
     for low, high in pairwise(CLASSES):
@@ -117,12 +119,12 @@ def powers(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[
 
 
 def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list[tuple[float, float]]:
-    """(damping ratio, share of neighbours along ``letter`` for which the measure moves by ``sign``, or less than a
-    tenth of a percent) in classes of damping ratio. What does not settle settles last; a lost arm does not count."""
+    """(damping ratio, share of neighbours along ``letter`` whose measure moves by ``sign``, or less than a tenth of a
+    percent) of each class of damping ratio. A run that never settles counts as the last; a lost arm does not count."""
     axis, values = "MBK".index(letter), sweep.arm[..., 0, MEASURES.index(measure)]
     lost = np.isnan(sweep.arm[..., 0, MEASURES.index("largest")])
     values = np.where(np.isnan(values) & ~lost, np.inf, values)
-    with np.errstate(invalid="ignore"):  # of two that never settle neither is first
+    with np.errstate(invalid="ignore"):  # of two runs that never settle neither is first
         step = np.diff(values, axis=axis)
     usual = float(np.median(values[np.isfinite(values)]))
     middle = np.moveaxis(sweep.ratio, axis, 0)
@@ -162,20 +164,22 @@ def _nine_in_ten(share: float) -> bool:
 def held(
     shares: list[tuple[float, float]], keeps: Callable[[float], bool] = _nine_in_ten
 ) -> tuple[float, float] | None:
-    """The longest range of damping ratios whose classes all keep the claim: by default at least nine in ten neighbours
-    do; None where none does."""
+    """The longest range of damping ratios whose classes all keep the claim, by default in nine of ten neighbours; None
+    where no class does."""
     runs = [list(run) for kept, run in groupby(shares, lambda one: keeps(one[1])) if kept]
-    longest = max(runs, key=len, default=[])
-    return (longest[0][0], longest[-1][0]) if longest else None
+    if not runs:
+        return None
+    longest = max(runs, key=len)
+    return longest[0][0], longest[-1][0]
 
 
 def maps11(bench: Bench) -> Result:
-    """Admittance control."""
+    """Make the maps of admittance control."""
     return _maps(bench, "maps11", "admittance")
 
 
 def maps12(bench: Bench) -> Result:
-    """Impedance control."""
+    """Make the maps of impedance control."""
     return _maps(bench, "maps12", "impedance")
 
 
@@ -216,7 +220,9 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
         f"grid through the set nearest to that of Fig. {name[-2:]}; the push is {PUSH:g} N in x. "
         "Empty: not settled 2 s after it, or lost."
     )
-    claims = [*_claims(by, shares, flat, lost), *([_alike(bench, by)] if law == "impedance" else [])]
+    claims = _claims(by, shares, flat, lost)
+    if law == "impedance":
+        claims.append(_alike(bench, by))
     path = turns(SECONDS)
     middle = pushed(bench, law, cartesian(*BASE.values()), path, fine=True)
     logs, robots = {"middle": middle.log}, {"middle": bench.robot_file({}, sensors=fine_sensors())}
@@ -225,7 +231,7 @@ def _maps(bench: Bench, name: str, law: str) -> Result:
 
 
 def _alike(bench: Bench, by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]) -> Claim:
-    """Whether the exponents of both laws, by M and B, are near each other."""
+    """Claim that the exponents of M and B are similar in both laws."""
     other = whole(bench, "admittance")
     apart = {}
     for measure in ("settling", "overshoot"):
@@ -248,30 +254,33 @@ def _alike(bench: Bench, by: Mapping[str, Mapping[str, Mapping[str, Mapping[str,
 
 
 def _usual(sweep: Sweep, measure: str, region: str) -> str:
-    """The median of a measure in a region."""
+    """The median of a measure in a region, in words."""
     low, high = REGIONS[region]
     value = float(np.nanmedian(sweep.arm[(sweep.ratio >= low) & (sweep.ratio < high)][:, 0, MEASURES.index(measure)]))
-    return f"{100 * value:.2g} %" if measure == "overshoot" else f"{value:.2g} s"
+    if measure == "overshoot":
+        return f"{100 * value:.2g} %"
+    return f"{value:.2g} s"
 
 
 def _planes(sweep: Sweep) -> list[Map]:
-    """Three measures over three planes of the grid."""
+    """Draw three measures over three planes of the grid."""
     sides = {"M": sweep.M[:, 0, 0], "B": sweep.B[0, :, 0], "K": sweep.K[0, 0, :]}
     at = {letter: int(np.argmin(np.abs(np.log(side / BASE[letter])))) for letter, side in sides.items()}
     found = []
     for across, up, fixed in (("M", "B", "K"), ("K", "B", "M"), ("M", "K", "B")):
         for measure, label in enumerate(VALUES):
             plane = np.take(sweep.arm[..., 0, measure], at[fixed], axis="MBK".index(fixed))
-            rows = plane.T if "MBK".index(across) < "MBK".index(up) else plane
+            if "MBK".index(across) < "MBK".index(up):
+                plane = plane.T
             heading = f"{label.partition(' (')[0]}, {fixed} = {sides[fixed][at[fixed]]:.3g} {UNITS[fixed]}"
             found.append(
-                Map(heading, LABELS[across], LABELS[up], label, _edges(sides[across]), _edges(sides[up]), rows)
+                Map(heading, LABELS[across], LABELS[up], label, _edges(sides[across]), _edges(sides[up]), plane)
             )
     return found
 
 
 def _powers(sweep: Sweep, measure: str, words: str) -> Axes:
-    """With which power a measure goes with M, B and K, of the arm and of the ideal."""
+    """Draw the powers of M, B and K in a measure, of the arm and of the ideal."""
     curves = []
     for of, table, dash in (("", sweep.arm, "solid"), (", ideal", sweep.ideal, "dotted")):
         for letter, color in zip("MBK", ("blue", "vermilion", "green"), strict=True):
@@ -282,7 +291,9 @@ def _powers(sweep: Sweep, measure: str, words: str) -> Axes:
 
 
 def _range(found: tuple[float, float] | None) -> str:
-    return "nowhere" if found is None else f"for damping ratios of {found[0]:.2g} to {found[1]:.2g}"
+    if found is None:
+        return "nowhere"
+    return f"for damping ratios of {found[0]:.2g} to {found[1]:.2g}"
 
 
 def _edges(centres: Array) -> Array:
@@ -296,18 +307,15 @@ def _table(by: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]) ->
         for letter in "MBK":
             arm, ideal = by[measure]["arm"][letter], by[measure]["ideal"][letter]
             rows.append((f"{measure} by {letter}", *(_both(arm[region], ideal[region]) for region in REGIONS)))
-    columns = (
-        "exponent, arm (ideal)",
-        *(f"ratio {a:g} to {b:g}" if b < np.inf else f"above {a:g}" for a, b in REGIONS.values()),
-    )
+    columns = ["exponent, arm (ideal)"]
+    for low, high in REGIONS.values():
+        columns.append(f"ratio {low:g} to {high:g}" if high < np.inf else f"above {low:g}")
     return Grid(f"how each measure goes with M, B and K: {', '.join(REGIONS)}", columns, rows)
 
 
 def _both(arm: float, ideal: float) -> str:
-    return " ".join(
-        f"{left}{value:.2f}{right}" if np.isfinite(value) else f"{left}–{right}"
-        for left, value, right in (("", arm, ""), ("(", ideal, ")"))
-    )
+    first, second = (f"{value:.2f}" if np.isfinite(value) else "–" for value in (arm, ideal))
+    return f"{first} ({second})"
 
 
 def _claims(
