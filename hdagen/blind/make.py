@@ -25,7 +25,7 @@ from hdagen.blind.motion import Motion, circle, rich
 from hdagen.blind.reality import MOST_CURRENT, World, simulate
 from hdagen.log import write
 
-Values = dict[str, dict[str, float]]  # parameters by effect
+JointEffects = dict[str, dict[str, float]]  # parameters by effect
 Parameters = dict[tuple[str, int], dict[str, float]]  # parameters by effect and joint
 CHANNELS = {
     "motor_current": "current_noise",
@@ -76,7 +76,7 @@ def _motion(case: ArmCase, motion: str, seconds: float) -> Motion:
 
 
 def _world(case: ArmCase, found: Parameters) -> World:
-    arm, first, second = Values(), Values(), Values()
+    arm, first, second = JointEffects(), JointEffects(), JointEffects()
     for (effect, joint), p in found.items():
         (arm, first, second)[joint][effect] = p
     return World(scattered(case.robot, case.seed), [first, second], arm, case.robot.gravity)

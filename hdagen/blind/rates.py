@@ -157,7 +157,7 @@ def table(checks: Mapping[str, Any]) -> str:
                     KINDS[kind],
                     str(found.count),
                     WORDS[bar.figure],
-                    _limit(bar),
+                    _describe_limit(bar),
                     said(bar.figure, found),
                     outcome,
                 )
@@ -165,7 +165,7 @@ def table(checks: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _limit(bar: Bar) -> str:
+def _describe_limit(bar: Bar) -> str:
     """A bar in words."""
     side = ("at least", "at most")[bar.most]
     if bar.figure == "seconds":

@@ -104,7 +104,7 @@ def _model(world: World) -> Any:
         for j in range(2)
         if walls[j]
     )
-    actuators = "".join(_actuator(j, world) for j in range(2))
+    actuators = "".join(_actuator_xml(j, world) for j in range(2))
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco>
         <option timestep="{STEP}" integrator="Euler" gravity="{gx!r} {gy!r} 0" solver="Newton" tolerance="1e-12">
@@ -124,7 +124,7 @@ def _inertial(joint: Mapping[str, float]) -> str:
     return f'<inertial pos="{joint["center_of_mass"]!r} 0 0" {inertia}/>'
 
 
-def _actuator(j: int, world: World) -> str:
+def _actuator_xml(j: int, world: World) -> str:
     """The motor of joint ``j``, which filters its current where the current loop lags."""
     dynamics = 'dyntype="none"'
     if lag := world.effects[j].get("current_loop_lag"):

@@ -15,8 +15,7 @@ from hdagen.blind.sizes import SIZES
 SAME = {"asymmetric_friction": "current_bias"}  # they differ near standstill only: either name counts
 BINS = 10  # of confidence, between 0 and 1
 GAPS = ("before", "after", "after_true")
-_VISIBLE_GAP = 1.5  # multiples of the noise: a gap from here on can be closed
-_WORSE = 1.02  # ratio of the gaps after and before from which the diagnosis made the model worse
+_VISIBLE_GAP, _WORSE = 1.5, 1.02  # smallest gap that can be closed, in noise; ratio from which a gap has grown
 SIZE_WITHIN = 0.15  # largest error of a found size, as a share of the true size
 AFTER_WITHIN = 1.3  # largest ratio of the gap after the diagnosis to the gap that the true parameters leave
 _ONE = ("single", "background", "task", "unknown+one")  # kinds with one effect that has a name
@@ -124,11 +123,8 @@ class Row:
         own = self.parameters[key]
         if self.kind != "joint":
             return own
-        joint = key[key.index("@") :]
-        both_named = any(one != key and one.endswith(joint) for one in self.verdict)
-        if both_named:
-            return {**own, "size": own["level"]}
-        return {**own, "size": own["alone"]}
+        both_named = any(one != key and one.endswith(key[key.index("@") :]) for one in self.verdict)
+        return {**own, "size": own["level"] if both_named else own["alone"]}
 
     @property
     def place_right(self) -> bool:
@@ -290,14 +286,12 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
     Returns:
         Figures by the keys of `hdagen.blind.words.WORDS`, without those that no case tells anything of.
     """
-
-    def of_kind(kind: str) -> list[Row]:
-        return [row for row in rows if row.kind == kind]
-
-    one, pairs, none, unknown = single(rows), of_kind("pair"), of_kind("none"), of_kind("unknown")
-    both, joints = of_kind("unknown+one"), of_kind("joint")
+    kinds = ("pair", "none", "unknown", "unknown+one", "joint")
+    pairs, none, unknown, both, joints = ([row for row in rows if row.kind == kind] for kind in kinds)
+    one = single(rows)
     wrong = [row for row in one if not row.right]
     gaps = [row for row in rows if row.has_gap]
+    known = [row for row in gaps if math.isfinite(row.after_true)]
     found = {
         "failed": rate([bool(row.failed) for row in rows]),
         "effect": rate([row.effect_right for row in one]),
@@ -318,9 +312,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
         "unknown_said_at_joint": rate([row.unknown_right for row in both]),
         "named": rate([row.right for row in joints]),
         "sizes_within": rate([row.sizes_right for row in joints if row.right]),
-        "after_within": rate(
-            [row.after <= AFTER_WITHIN * row.after_true for row in gaps if math.isfinite(row.after_true)]
-        ),
+        "after_within": rate([row.after <= AFTER_WITHIN * row.after_true for row in known]),
         "remainder": rate([bool(row.remainder) for row in rows if not row.failed]),
         "pair_f1": mean([_f1(row) for row in pairs]),
         "pair_both": rate([set(row.verdict) == set(row.truth) for row in pairs]),

@@ -14,7 +14,7 @@ import numpy as np
 from hdagen.paper.bottle import FRICTION, GRAVITY, MASS, RADIUS, STIFFNESS, Bottle
 from hdagen.paper.prototype import CENTER, PERIOD, TURN, Bench
 from hdagen.paper.prototype import RADIUS as CIRCLE
-from hdagen.paper.tracking import Tracked, tracked
+from hdagen.paper.tracking_runs import Tracked, tracked
 from hdagen.plant import Array
 
 SECONDS = 2 * TURN

@@ -162,8 +162,8 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
     back = [1e3 * one.pushed_back for one in runs]
     by = vibrations(bench, law)
     falls_with_b = bool(np.all(np.diff(by["B"]) < 0))
-    lost = [f"set {k} {_outcome(one)}" for k, one in enumerate(published, 1)]
-    shown = {letter: _micrometres(values) for letter, values in by.items()}
+    lost = [f"set {k} {_describe_outcome(one)}" for k, one in enumerate(published, 1)]
+    shown = {letter: _in_micrometres(values) for letter, values in by.items()}
     reasons = {
         "impedance": "grams without springs are thrown by the sensor's noise",
         "admittance": "500 kg hardly notice a bottle, which is shoved out of the way",
@@ -187,7 +187,7 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
         ),
         Claim(
             "as the compliance increases, the vibration becomes more significant (of Fig. 19 and 20)",
-            f"sets 1 to 3: {_micrometres([one.vibration for one in runs])} µm rms",
+            f"sets 1 to 3: {_in_micrometres([one.vibration for one in runs])} µm rms",
             bool(runs[2].vibration > runs[0].vibration),
             "the paper says both this and the opposite; with B raised as K falls the damping grows",
         ),
@@ -204,19 +204,19 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
     return claims
 
 
-def _outcome(one: Collided) -> str:
+def _describe_outcome(one: Collided) -> str:
     """The largest distance from the path, or the time at which the guard stopped the arm, in words."""
     if one.run.lost is None:
         return f"{1e3 * one.pushed_back:.1f} mm"
     return f"stopped at {one.run.lost:.2f} s"
 
 
-def _micrometres(values: Sequence[float]) -> str:
+def _in_micrometres(values: Sequence[float]) -> str:
     """Values, m, in µm."""
     return " / ".join(f"{1e6 * value:.0f}" for value in values)
 
 
-def _millimetres(values: Sequence[float], form: str) -> str:
+def _in_millimetres(values: Sequence[float], form: str) -> str:
     """Values, m, in mm with a number format."""
     return " / ".join(format(1e3 * value, form) for value in values)
 
@@ -225,7 +225,7 @@ def _less(bench: Bench) -> Claim:
     """Claim that impedance control yields less, with other noise and other encoders too."""
     found = {f"noise {seed}": farther(bench, False, seed) for seed in SEEDS} | {"4096 counts": farther(bench, True, 1)}
     most = max(one.pushed_back for one in sets(bench, "impedance"))
-    words = "; ".join(f"{name} {_millimetres(values, '+.2f')}" for name, values in found.items())
+    words = "; ".join(f"{name} {_in_millimetres(values, '+.2f')}" for name, values in found.items())
     return Claim(
         "after the collision impedance control is displaced less than admittance control",
         f"equal M, B, K, sets 1 to 3: less by {words} mm, of {1e3 * most:.0f} at most",
@@ -282,7 +282,7 @@ def table5(bench: Bench) -> Result:
     words = []
     for law, runs in laws.items():
         back = [one.pushed_back for one in runs]
-        words.append(f"{law} {_millimetres(back, '.1f')} mm")
+        words.append(f"{law} {_in_millimetres(back, '.1f')} mm")
     softer = all(runs[2].pushed_back > runs[0].pushed_back for runs in laws.values())
     claims = [Claim("more compliant sets yield more", ", ".join(words), softer)]
     text = (
@@ -301,7 +301,7 @@ def _choices(bench: Bench) -> list[Choice]:
         return f"{found['largest_force']:.1f} N, slid {1e3 * (found['slid'] or 0.0):.1f} mm"
 
     def off(runs: Sequence[Collided]) -> str:
-        return " / ".join(map(_outcome, runs))
+        return " / ".join(map(_describe_outcome, runs))
 
     admittance, impedance = (sets(bench, law, published=True) for law in ("admittance", "impedance"))
     kilograms = [collided(bench, "impedance", (1e3 * M, B, K)) for M, B, K in TABLE_5["impedance"]]

@@ -14,7 +14,7 @@ from hdagen.paper.result import Axes, Claim, Curve, Result
 from hdagen.plant import Array
 from hdagen.stretches import stretches
 
-ENDS = {False: "", True: "_4096"}  # of names, by whether the encoders have 4096 counts
+SENSOR_SUFFIXES = {False: "", True: "_4096"}  # of names, by whether the encoders have 4096 counts
 
 
 def fig21(bench: Bench) -> Result:
@@ -43,7 +43,7 @@ def fig21(bench: Bench) -> Result:
                       bands=bands))  # fmt: skip
     published = collided(bench, "impedance", TABLE_5["impedance"][1])
     numbers: dict[str, Any] = {}
-    for fine, end in ENDS.items():
+    for fine, end in SENSOR_SUFFIXES.items():
         numbers[f"mean_apart{end}"] = apart[fine].mean()
         numbers[f"mean_apart_touching{end}"] = apart[fine][touching].mean()
     numbers |= {f"predictive_set_{k}": run.numbers() for k, run in enumerate(soft, 1)}
@@ -54,7 +54,7 @@ def fig21(bench: Bench) -> Result:
         f"Both controllers with M, B, K = {SENSIBLE[1]} against the bottle; predictive control beside them, below with "
         "all three sets of Figs. 19 and 20."
     )
-    logs = {f"{law}{ENDS[fine]}": run.run.log for (law, fine), run in runs.items()}
+    logs = {f"{law}{SENSOR_SUFFIXES[fine]}": run.run.log for (law, fine), run in runs.items()}
     logs |= {f"predictive_set{k}": soft[k - 1].run.log for k in (1, 3)}
     own = bench.robot_file({}, sensors=fine_sensors())
     robots = {end: own for end in logs if end.endswith("4096")}

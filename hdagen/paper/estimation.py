@@ -134,9 +134,9 @@ def _tables(
     rows: list[tuple[str | float, ...]] = []
     for name, kinds in table.items():
         for kind, errors in kinds.items():
-            rows.append((f"{labels[name]}: {kind}", *errors, *_percent(errors, peak[name])))
+            rows.append((f"{labels[name]}: {kind}", *errors, *_as_percent(errors, peak[name])))
     for name, (errors, peaks) in filters.items():
-        rows.append((f"Kalman filter at the tick, {sensors[name]}", *errors, *_percent(errors, peaks)))
+        rows.append((f"Kalman filter at the tick, {sensors[name]}", *errors, *_as_percent(errors, peaks)))
     return [
         Grid("rms error of the torque estimate", ("", "joint 1 (N m)", "joint 2 (N m)", "joint 1 (% of "
                         "peak)", "joint 2 (% of peak)"), rows, 3),
@@ -146,7 +146,7 @@ def _tables(
     ]  # fmt: skip
 
 
-def _percent(errors: Sequence[float], peaks: Sequence[float]) -> list[float]:
+def _as_percent(errors: Sequence[float], peaks: Sequence[float]) -> list[float]:
     """Errors in percent of the peaks."""
     return [100 * error / peak for error, peak in zip(errors, peaks, strict=True)]
 

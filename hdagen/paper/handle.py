@@ -24,7 +24,7 @@ from hdagen.paper.prototype import (
     uncompensated,
 )
 from hdagen.paper.torsion import measured
-from hdagen.paper.tracking import predictive
+from hdagen.paper.tracking_runs import predictive
 from hdagen.plant import Arm, Array
 from hdagen.simulation import Push, Sensors
 

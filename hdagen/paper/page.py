@@ -82,7 +82,7 @@ def _span(part: Axes, side: str) -> float:
     return float(np.nanmax(values) - np.nanmin(values))
 
 
-def _plane(axes: Axes, heading: str) -> figure.Plane:
+def _make_plane(axes: Axes, heading: str) -> figure.Plane:
     curves = [
         figure.Curve(c.label, c.x, c.y, color=c.color, dash=c.dash, draw=c.draw, width=c.width) for c in axes.curves
     ]
@@ -92,9 +92,9 @@ def _plane(axes: Axes, heading: str) -> figure.Plane:
 def _planes(result: Result, group: Sequence[Axes]) -> str:
     """Render parts that share axes, side by side."""
     first = group[0]
-    drawn = [_plane(axes, axes.heading) for axes in group]
+    drawn = [_make_plane(axes, axes.heading) for axes in group]
     if len(group) == 1:  # the heading stands in the title
-        drawn = [_plane(first, "")]
+        drawn = [_make_plane(first, "")]
     pushed = [f"{words} from {begin:g} to {end:g} s" for axes in group for begin, end, words in axes.bands]
     caption = ""
     if pushed:

@@ -18,7 +18,7 @@ from hdagen.paper.listed import Listed
 from hdagen.paper.prototype import ROBOT, TABLE_1, THREE, Bench
 
 Content = dict[str, Any]  # the JSON of a figure
-LONGEST = "sweeps"  # the module that starts first; its threads use the processors that other processes leave
+LONGEST = "maps"  # the module that starts first; its threads use the processors that other processes leave
 _worker: dict[str, Bench] = {}  # the bench that a worker process keeps from group to group
 
 

@@ -14,7 +14,17 @@ from hdagen.paper.handle import compensating
 from hdagen.paper.observer import BANDWIDTH, Sensorless
 from hdagen.paper.prototype import LAWS, Bench, cartesian, fine_sensors, guard, inner_loop, uncompensated
 from hdagen.paper.result import Axes, Cell, Choice, Claim, Curve, Grid, Part, Result
-from hdagen.paper.tracking import SECONDS, SENSIBLE, SHOVES, SHOWN, TABLE_4, Tracked, case, followed, predictive
+from hdagen.paper.tracking_runs import (
+    SECONDS,
+    SENSIBLE,
+    SHOVES,
+    SHOWN,
+    TABLE_4,
+    Tracked,
+    case,
+    followed,
+    predictive,
+)
 from hdagen.plant import Arm, Array
 
 SENSOR, WHOLE, PLAIN, BLIND = "force sensor", "estimate", "estimate by (16) alone", "estimate, uncompensated"

@@ -17,7 +17,7 @@ from hdagen.plant import Array
 
 ABOVE = (0.025, 0.03, 0.035)  # N m at the motor above running friction, IV.A
 SETS = {1: A, 2: B}
-WAYS = {1: "forward", -1: "back"}  # by direction
+DIRECTION_WORDS = {1: "forward", -1: "back"}  # by direction
 SENSOR_KEYS = {True: "4096", False: "hall"}  # by whether the encoders have 4096 counts
 TWICE = 1.5e-4  # rad, usual size of the wave generator's error, twice a turn: catalogue
 TRAINED, HELD_OUT, BEFORE = 1.0, 3.0, 0.3  # turns: end of the fit, end of the comparison, lead-in
@@ -176,7 +176,7 @@ def _logs(bench: Bench, every: Mapping[tuple[int, bool], Measured]) -> tuple[dic
     for (j, fine), one in every.items():
         robot = bench.robot_file(torsion_of(j, SETS[j]), sensors=encoders_of(fine))
         for (above, way), log in one.logs.items():
-            end = f"joint{j}_{SENSOR_KEYS[fine]}_{1e3 * above:.0f}mNm_{WAYS[way]}"
+            end = f"joint{j}_{SENSOR_KEYS[fine]}_{1e3 * above:.0f}mNm_{DIRECTION_WORDS[way]}"
             logs[end], robots[end] = log, robot
     return logs, robots
 
@@ -187,7 +187,7 @@ def _panel(fine: Measured, hall: Measured, heading: str) -> Axes:
     for (above, way), log in fine.logs.items():
         at, y = difference(log, fine.j, 100.0)
         inside = (at >= 0) & (at <= 1)
-        name = f"{1e3 * above:.0f} mN m {WAYS[way]}"
+        name = f"{1e3 * above:.0f} mN m {DIRECTION_WORDS[way]}"
         curves.append(Curve(name, at[inside][::20], y[inside][::20], "points", width=0.7))
     curves.append(Curve("published", s, curve(SETS[fine.j], s), color="ink", dash="solid", width=2.0))
     curves.append(
@@ -324,17 +324,12 @@ def _between_torques(one: Measured) -> float:
     return float(np.sqrt(np.mean(np.var(curves, axis=0))))
 
 
-def _sum_at(coefficients: Sequence[float], s: float) -> float:
-    """The polynomial Σ a_k s^k."""
-    return sum(a * s**k for k, a in enumerate(coefficients))
-
-
 def _choices(bench: Bench, every: Mapping[tuple[int, bool], Measured]) -> list[Choice]:
     level = bench.arm().parameters["coulomb_friction_1"]
     still = turned(bench, 1, max(ABOVE) - level, 1, {}, fine=True).log["joint_position_1"]
     sure = {fine: 1e3 * every[1, fine].fit.errors[2] for fine in (True, False)}
     turn_a, turn_b = sum(A), sum(B)
-    radians_a, radians_b = (_sum_at(coefficients, 2 * np.pi) for coefficients in (A, B))
+    radians_a, radians_b = (sum(c * (2 * np.pi) ** k for k, c in enumerate(cs)) for cs in (A, B))
     return [
         Choice("unit of the angle in (13)", "turns", f"at one turn {turn_a:.2e} and {turn_b:.2e} rad; in radians "
                         f"{radians_a:.1f} and {radians_b:.1f} rad, which no gear has"),
