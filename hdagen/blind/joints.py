@@ -324,8 +324,8 @@ def _nameless(rng: np.random.Generator, friction: Friction, v: np.ndarray) -> Na
 def _drive(
     rng: np.random.Generator, link: Mapping[str, float], friction: Friction, usual: float, v: np.ndarray, known: float
 ) -> dict[str, float]:
-    """Draw a drive of the robot file with the ``known`` share of its friction, at the motor, and the noise of its
-    input, A or N m, which is small beside the input that the motion needs."""
+    """Draw a drive of the robot file: the ``known`` share of its friction, at the motor; and the noise of its input, A
+    or N m, which is small beside the input that the motion needs."""
     ratio = link["ratio"]
     level, coefficient = friction.linear(v)
     constant = usual / ratio / log_uniform(rng, 1.0, 8.0)

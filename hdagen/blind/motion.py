@@ -10,7 +10,7 @@ import numpy as np
 PERIOD = 1e-3  # s
 _SWINGS = (0.12, 0.9)  # Hz, slow sines that cover range, speed and load
 _MULTISINE = (1.0, 24.0)  # Hz, small sines that excite the transmission
-_MOST_SPEED = 3.0  # rad/s at a joint: half of what a CSG-17 turns at most
+_MOST_SPEED = 3.0  # rad/s at a joint: half of a CSG-17's largest speed
 _HOLD = 0.6  # s
 _RAMP = 0.3  # s, into and out of a hold
 

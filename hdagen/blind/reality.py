@@ -257,7 +257,7 @@ class _Run:
     def _acting(self, j: int, after: float) -> float:
         """The mean current, A, over the step whose middle is ``after`` s past the last sample."""
         if self.lagging[j] and not self.delays[j]:
-            return self.commands[0][j]  # MuJoCo's filter takes what is commanded from here on
+            return self.commands[0][j]  # MuJoCo's filter takes the newest command
         at = after - self.delays[j]
         age, low = -math.floor((at - 0.5 * STEP) / PERIOD), (at - 0.5 * STEP) % PERIOD
         old, new = self.commands[age][j], self.commands[max(age - 1, 0)][j]

@@ -111,8 +111,8 @@ Part = Axes | Map | Grid
 @dataclass(frozen=True)
 class Result:
     """A figure or table. ``parts`` stand row by row, ``columns`` beside each other, as in the paper; ``numbers`` go
-    into its JSON; ``logs`` by the end of their file's name; ``robots`` what `hdagen replay` takes with each: a
-    preset (`paper_prototype` where none is named) or a robot file's content."""
+    into its JSON; ``logs`` by the end of their file's name; ``robots`` for `hdagen replay` of each log: a preset
+    (`paper_prototype` where none is named) or the content of a robot file."""
 
     name: str
     title: str

@@ -45,12 +45,29 @@ class Sweep:
 
 
 def whole(bench: Bench, law: str) -> Sweep:
-    """Sweep the grid of a law's map, once a bench."""
+    """Sweep the grid of a law's map.
+
+    Args:
+        bench: arms and shared runs.
+        law: "impedance" or "admittance".
+
+    Returns:
+        The sweep of SHAPE; each is simulated once a bench.
+    """
     return bench.once(("swept", law), partial(swept, bench, law, SHAPE))
 
 
 def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
-    """Run every set of a grid: 10 s each at 1 kHz, with encoders of 4096 counts, the same pushes and noise for all."""
+    """Run every set of a grid: 10 s each at 1 kHz, with encoders of 4096 counts, the same pushes and noise for all.
+
+    Args:
+        bench: arms and shared runs.
+        law: "impedance" or "admittance".
+        shape: numbers of values of M, B and K.
+
+    Returns:
+        The responses of arm and ideal.
+    """
     sides = [np.geomspace(*RANGES[letter], count) for letter, count in zip("MBK", shape, strict=True)]
     M, B, K = np.meshgrid(*sides, indexing="ij")
     path, arm = turns(SECONDS), bench.lean()
@@ -79,8 +96,17 @@ def _ideal(sets: Array) -> Array:
 
 
 def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, float]]:
-    """Mean exponent of M, B and K in a measure of the push in x, by region. At −1 doubling the letter halves the
-    measure. A mean, as the settling time moves in steps of half a swing."""
+    """Compute the mean exponents of M, B and K in a measure of the push in x.
+
+    Args:
+        sweep: the grid.
+        table: responses (m, b, k, axes, 3) of its arm or of its ideal.
+        measure: one of MEASURES.
+
+    Returns:
+        Exponents by letter and region; at −1 doubling the letter halves the measure. A mean, as the settling time moves
+        in steps of half a swing; NaN where too few sets have the measure.
+    """
     found: dict[str, dict[str, float]] = {}
     for letter in "MBK":
         slope = _slopes(sweep, table, letter, measure)
@@ -104,7 +130,17 @@ def _slopes(sweep: Sweep, table: Array, letter: str, measure: str) -> Array:
 
 
 def powers(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[float, float]]:
-    """(damping ratio, mean exponent of ``letter`` in the measure) of each class of damping ratio."""
+    """Compute the mean exponent of a letter in a measure of the push in x, by damping ratio.
+
+    Args:
+        sweep: the grid.
+        table: responses (m, b, k, axes, 3) of its arm or of its ideal.
+        letter: "M", "B" or "K".
+        measure: one of MEASURES.
+
+    Returns:
+        Damping ratio and exponent of each class of damping ratio with enough sets.
+    """
     slope = _slopes(sweep, table, letter, measure)
     found = []
     for low, high in pairwise(CLASSES):
@@ -115,8 +151,18 @@ def powers(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[
 
 
 def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list[tuple[float, float]]:
-    """(damping ratio, share of neighbours along ``letter`` whose measure moves by ``sign``, or less than a tenth of a
-    percent) of each class of damping ratio. A run that never settles counts as the last; a lost arm does not count."""
+    """Compute the share of neighbouring sets that keep a claim, by damping ratio.
+
+    Args:
+        sweep: the grid.
+        letter: "M", "B" or "K", along which sets are neighbours.
+        measure: one of MEASURES.
+        sign: 1 where the measure has to grow with the letter, -1 where it has to fall.
+
+    Returns:
+        Damping ratio and share of each class of damping ratio. Changes below a tenth of a percent keep the claim. A run
+        that never settles counts as the last to settle; a lost arm does not count.
+    """
     axis, values = "MBK".index(letter), sweep.arm[..., 0, MEASURES.index(measure)]
     lost = np.isnan(sweep.arm[..., 0, MEASURES.index("largest")])
     values = np.where(np.isnan(values) & ~lost, np.inf, values)
@@ -141,8 +187,15 @@ def _nine_in_ten(share: float) -> bool:
 def held(
     shares: list[tuple[float, float]], keeps: Callable[[float], bool] = _nine_in_ten
 ) -> tuple[float, float] | None:
-    """The longest range of damping ratios whose classes all keep the claim, by default in nine of ten neighbours; None
-    where no class does."""
+    """Find the longest range of damping ratios whose classes all keep a claim.
+
+    Args:
+        shares: damping ratio and share, or exponent, of each class.
+        keeps: tells whether a class keeps the claim; by default nine of ten neighbours have to.
+
+    Returns:
+        Damping ratios at the ends of the range; None where no class keeps the claim.
+    """
     runs = [list(run) for kept, run in groupby(shares, lambda one: keeps(one[1])) if kept]
     if not runs:
         return None

@@ -52,7 +52,10 @@ class Tracked:
         return self.simulation.log
 
     def errors(self, circles: Sequence[int]) -> Array:
-        """Compute largest error, mean and standard deviation over whole ``circles`` (from 0) without the start.
+        """Compute the largest error, the mean and the standard deviation over whole circles without the start.
+
+        Args:
+            circles: numbers of the circles, from 0.
 
         Returns:
             MEASURES by axis (3, 2), m.
@@ -61,7 +64,10 @@ class Tracked:
         return np.stack([np.abs(off).max(axis=0), np.abs(off.mean(axis=0)), off.std(axis=0)])
 
     def over(self, circles: Sequence[int]) -> Array:
-        """Select the path error of whole ``circles`` (from 0) without the start.
+        """Select the path error of whole circles without the start.
+
+        Args:
+            circles: numbers of the circles, from 0.
 
         Returns:
             Path error (rows, 2), m.
@@ -118,7 +124,16 @@ def followed(
     world: World | None = None,
     seed: int = 1,
 ) -> Tracked:
-    """Run ``regulator`` on the true arm ``plant`` along the circle; the other arguments are those of `tracked`.
+    """Run a controller along the circle.
+
+    Args:
+        plant: the true arm.
+        regulator: the controller.
+        pushes: forces on the tip.
+        seconds: length of the run, s.
+        fine: encoders of 4096 counts in place of Hall sensors.
+        world: the world that touches the tip.
+        seed: of the sensors' noise.
 
     Returns:
         The run.
@@ -163,7 +178,11 @@ CASES = {  # law, M, B and K, whether with encoders of 4096 counts
 
 
 def case(bench: Bench, name: str) -> Tracked:
-    """Run one of CASES, by its key.
+    """Run one of CASES.
+
+    Args:
+        bench: arms and shared runs.
+        name: key of CASES.
 
     Returns:
         The run; each is simulated once a bench.
@@ -173,12 +192,28 @@ def case(bench: Bench, name: str) -> Tracked:
 
 
 def built(bench: Bench, law: str, part: str) -> Tracked:
-    """Run a law on an arm with one of STRUCTURE's faults, or with all of them."""
+    """Run a law on an arm with a fault of its structure.
+
+    Args:
+        bench: arms and shared runs.
+        law: "impedance" or "admittance".
+        part: key of STRUCTURE; any other word stands for all faults together.
+
+    Returns:
+        The run; each is simulated once a bench.
+    """
     changes = dict(STRUCTURE).get(part) or {name: v for one in STRUCTURE.values() for name, v in one.items()}
     make = partial(tracked, bench, law, SENSIBLE, SHOVES, SECONDS, changes=changes)
     return bench.once(("built", law, part), make)
 
 
 def cases(bench: Bench) -> dict[str, Tracked]:
-    """Run all of CASES."""
+    """Run all of CASES.
+
+    Args:
+        bench: arms and shared runs.
+
+    Returns:
+        The runs by key.
+    """
     return {name: case(bench, name) for name in CASES}
