@@ -58,7 +58,7 @@ class Tracked:
             circles: numbers of the circles, from 0.
 
         Returns:
-            MEASURES by axis (3, 2), m.
+            The three by axis (3, 2), m.
         """
         off = self.over(circles)
         return np.stack([np.abs(off).max(axis=0), np.abs(off.mean(axis=0)), off.std(axis=0)])
