@@ -9,7 +9,7 @@ from hdagen.loops import closed_loops
 from hdagen.paper import collided, collision, comparison, compliance, sweeps
 from hdagen.paper.answer import answers
 from hdagen.paper.prototype import PERIOD, PUSHES, Bench, cartesian, controller, fine_sensors, turns
-from hdagen.paper.tracking import PUBLISHED, SECONDS, SENSIBLE, SHOVES, TABLE_4, tracked
+from hdagen.paper.tracking_runs import PUBLISHED, SECONDS, SENSIBLE, SHOVES, TABLE_4, tracked
 from hdagen.simulation import run
 
 LAWS = ("admittance", "impedance")

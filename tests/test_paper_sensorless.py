@@ -9,7 +9,7 @@ import pytest
 from hdagen.paper.observer import BANDWIDTH, TipForce
 from hdagen.paper.prototype import PERIOD, Bench, driven, fine_sensors
 from hdagen.paper.sensorless import BLIND, FINE, SENSOR, WHOLE, YIELDS, felt
-from hdagen.paper.tracking import TABLE_4
+from hdagen.paper.tracking_runs import TABLE_4
 from hdagen.simulation import Sensors
 
 LAWS = ("impedance", "admittance")

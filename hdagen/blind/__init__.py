@@ -1,10 +1,11 @@
 """Blind checks of `hdagen diagnose`: realities by another simulator, sealed labels, scores.
 
-``cases`` draws, of two families: ``arms`` with springs (``sizes`` states their effects and typical sizes,
-``drivetrain`` and ``reality`` simulate, ``motion`` moves) and rigid ``joints`` (``joint_reality``, ``travel``).
-``seal`` closes and opens the labels, ``run`` diagnoses, ``score`` counts, ``blind_page`` shows, ``calibrate`` freezes.
-Nothing here reads the generated model or its equations; docs/blind.md says what is what.
+``cases`` draws cases of two families: ``arms`` with springs (``sizes`` states their effects and typical sizes,
+``drivetrain`` and ``reality`` simulate them, ``motion`` draws their motion) and rigid ``joints`` (``joint_reality``
+simulates them, ``travel`` draws their motion). ``seal`` seals and verifies the labels, ``run`` diagnoses the cases,
+``score`` scores the verdicts, ``blind_page`` shows the scores, ``calibrate`` fits and freezes a calibration.
+Nothing here reads the generated model or its equations; docs/blind.md describes the checks.
 """
 
 KINDS = ("single", "background", "none", "unknown", "unknown+one", "pair", "task", "joint")
-SECONDS = {kind: 24.0 if kind == "joint" else 10.0 for kind in KINDS}  # of a log, where nothing else is asked for
+SECONDS = {**dict.fromkeys(KINDS, 10.0), "joint": 24.0}  # usual length of a log

@@ -1,4 +1,4 @@
-"""Two-joint arms and cases of them with their true effects, drawn without simulating anything."""
+"""Two-joint arms, and cases of them with their true effects. Drawing them simulates nothing."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from hdagen.blind.draw import digest, log_uniform, stream
 from hdagen.blind.sizes import SIZES, WHOLE, Size, unknown
 
 BACKGROUND = 0.04  # of every typical size
-LEAST, MOST = 0.5, 1.5  # of the typical size: what a named effect has
-LARGE = 0.7  # of it, at least, of two that both have to be said
+LEAST, MOST = 0.5, 1.5  # smallest and largest size of a true effect, in typical sizes
+LARGE = 0.7  # smallest size of a true effect beside an unknown one, in typical sizes
 TOLERANCE = 0.05  # relative standard deviation that the robot file states
-SCATTER, FURTHEST = 0.04, 2.5  # relative standard deviation of the true parameters, and how many of them at most
+SCATTER, FURTHEST = 0.04, 2.5  # relative standard deviation of the true parameters; the largest deviation in these
 SCATTERED = (
     "mass",
     "center_of_mass",
@@ -31,7 +31,7 @@ SCATTERED = (
     "wave_generator_stiffness",
     "wave_generator_stiffening",
     "torsional_damping",
-)  # lengths are measured and ratios counted
+)  # without lengths, which are measured, and ratios, which are counted
 DRIVE = {  # CSG-17-100, docs/errata.md; motor of 52.5 mN m/A
     "ratio": 100.0,
     "motor_inertia": 1.289e-4,
@@ -51,7 +51,7 @@ SENSOR = {
     "current_noise": 0.01,
 }
 LINK = ("length", "mass", "center_of_mass", "inertia")
-_UNSEEN_BY_TASK = ("contact", "current_saturation")  # they are sized by the motion's ends, where a circle only grazes
+_UNSEEN_BY_TASK = ("contact", "current_saturation")  # sized by the ends of the motion, which a circle hardly touches
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class TwoJointArm:
         return tomlkit.dumps(document)
 
     def noise(self) -> dict[str, float]:
-        """Standard deviation of the noise of each channel that a model can err in."""
+        """Standard deviation of the noise of each channel that a model predicts."""
         found = {}
         for j, joint in enumerate(self.joints, 1):
             found[f"motor_current_{j}"] = joint["current_noise"]
@@ -100,8 +100,8 @@ class Present:
 
 @dataclass(frozen=True)
 class ArmCase:
-    """A case before it is simulated. ``name`` of its folder; ``truth``: what is to be found; ``background``: size of
-    every other effect; ``seed`` of all else."""
+    """A case before it is simulated. ``name`` of its folder; ``truth``: the effects to find; ``background``: size of
+    every other effect; ``seed`` of everything else."""
 
     name: str
     kind: str
@@ -111,7 +111,7 @@ class ArmCase:
     seed: int
 
     def label(self) -> dict[str, Any]:
-        """What is sealed."""
+        """The truth that is sealed."""
         return {
             "kind": self.kind,
             "verdict": [str(one) for one in self.truth],
@@ -121,11 +121,18 @@ class ArmCase:
         }
 
     def true_set(self) -> None:
-        """No diagnosis.json holds what is true: the dictionary has other formulas."""
+        """None: no diagnosis.json can state the truth, as the model has other formulas."""
 
 
 def robots(seed: str) -> tuple[TwoJointArm, ...]:
-    """The robots of a run: two that lie flat and one that stands, of random size and meaningless name."""
+    """Draw the robots of a check: two that lie flat and one that stands, of random size and meaningless name.
+
+    Args:
+        seed: the seed of the check.
+
+    Returns:
+        The robots as their files state them.
+    """
     return tuple(_robot(seed, at, gravity) for at, gravity in enumerate([(0.0, 0.0), (0.0, -9.81), (0.0, 0.0)]))
 
 
@@ -147,7 +154,16 @@ def _robot(seed: str, at: int, gravity: tuple[float, float]) -> TwoJointArm:
 
 
 def cases(seed: str, kind: str, count: int) -> tuple[ArmCase, ...]:
-    """The first ``count`` cases of a kind, in their own order; more of them begin with the same ones."""
+    """Draw the first cases of a kind.
+
+    Args:
+        seed: the seed of the check.
+        kind: one of `hdagen.blind.KINDS`, but "joint".
+        count: how many cases.
+
+    Returns:
+        The cases, in an order that the seed decides; a larger ``count`` appends to them.
+    """
     arms = robots(seed)
     return tuple(_case(seed, kind, index, arms) for index in range(count))
 
@@ -162,13 +178,18 @@ def _case(seed: str, kind: str, index: int, arms: Sequence[TwoJointArm]) -> ArmC
         first, second = rng.choice(list(SIZES), 2, replace=False)
         truth = (_present(str(first), rng), _present(str(second), rng))
     else:
-        least = LARGE if kind == "unknown+one" else LEAST
+        least = LEAST
+        if kind == "unknown+one":
+            least = LARGE
         names = [name for name in SIZES if kind != "task" or name not in _UNSEEN_BY_TASK]
-        block, place = divmod(index, len(names))  # every effect once a block, in an order of its own
-        truth = (_present(names[int(stream(seed, kind, "order", block).permutation(len(names))[place])], rng, least),)
+        block, place = divmod(index, len(names))  # every effect occurs once in each block
+        order = stream(seed, kind, "order", block).permutation(len(names))
+        truth = (_present(names[int(order[place])], rng, least),)
         if kind == "unknown+one":
             truth = (*truth, Present("unknown", int(rng.integers(1, 3)), _size(rng, least)))
-    background = BACKGROUND if kind == "background" or (kind == "none" and index % 2) else 0.0
+    background = 0.0
+    if kind == "background" or (kind == "none" and index % 2):
+        background = BACKGROUND
     seed_of_case = int(rng.integers(2**62))
     name = digest(seed, kind, index, "name").hex()[:16]
     return ArmCase(name, kind, arms[int(rng.integers(3))], truth, background, seed_of_case)
@@ -184,7 +205,15 @@ def _present(effect: str, rng: np.random.Generator, least: float = LEAST) -> Pre
 
 
 def scattered(robot: TwoJointArm, seed: int) -> list[dict[str, float]]:
-    """The true base parameters of a case, a joint each."""
+    """Draw the true base parameters of a case.
+
+    Args:
+        robot: the robot as its file states it.
+        seed: the seed of the case.
+
+    Returns:
+        Base parameters of each joint by the keys of its tables, SI.
+    """
     rng = stream(str(seed), "base")
     true = []
     for joint in robot.joints:
@@ -194,19 +223,25 @@ def scattered(robot: TwoJointArm, seed: int) -> list[dict[str, float]]:
 
 
 def parameters(case: ArmCase, ends: Mapping[int, Mapping[str, float]]) -> dict[tuple[str, int], dict[str, float]]:
-    """Parameters of every effect in reality, by effect and joint (from 1, 0: the arm).
+    """Draw the parameters of every effect in reality.
 
-    ``ends`` by joint: what the motion reaches, ``peak`` current, ``lowest`` and ``highest`` angle, by which saturation
-    and walls are sized.
+    Args:
+        case: the drawn case.
+        ends: limits of the motion by joint (from 1): ``peak`` current, A, ``lowest`` and ``highest`` angle, rad. They
+            size saturation and walls.
+
+    Returns:
+        Parameters by effect and joint (from 1; 0 is the whole arm), SI.
     """
     truth = {(one.effect, one.joint): one.size for one in case.truth}
     found = {}
     for effect, size in SIZES.items():
         for joint in _joints(size):
-            much = truth.get((effect, joint), 0.0 if effect in WHOLE else case.background)
-            if much:
+            background = 0.0 if effect in WHOLE else case.background
+            multiple = truth.get((effect, joint), background)
+            if multiple:
                 base = {**case.robot.joints[max(joint, 1) - 1], **ends[max(joint, 1)]}
-                found[effect, joint] = size.draw(much * size.typical, stream(str(case.seed), effect, joint), base)
+                found[effect, joint] = size.draw(multiple * size.typical, stream(str(case.seed), effect, joint), base)
     for one in case.truth:
         if one.effect == "unknown":
             found["unknown", one.joint] = unknown(one.size, stream(str(case.seed), "unknown", one.joint))

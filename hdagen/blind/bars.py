@@ -1,4 +1,4 @@
-"""The bars of a check by kind: figure, whether it has to be at least or at most, and the value."""
+"""The bars that a check of each kind has to reach: a figure, its limit, and whether that is the most or the least."""
 
 from __future__ import annotations
 
@@ -17,8 +17,17 @@ class Bar:
     most: bool = False
 
     def met(self, found: Figure) -> bool:
-        """Whether the value found reaches it, without regard to its interval."""
-        return found.value <= self.value if self.most else found.value >= self.value
+        """Tell whether a figure reaches the bar; its interval does not count.
+
+        Args:
+            found: the measured figure, in the unit of the bar.
+
+        Returns:
+            True where the figure's value is on the right side of the bar, or on it.
+        """
+        if self.most:
+            return found.value <= self.value
+        return found.value >= self.value
 
 
 _EVERY = (

@@ -1,4 +1,4 @@
-"""The page of a check: how often right, how sure, and what was taken for what."""
+"""The page of a check: rates of right verdicts, their confidence, and which effects were confused."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from hdagen import __version__
+from hdagen.blind.bars import Bar
+from hdagen.blind.figures import finite_or_none
 from hdagen.blind.report import Report, by_effect, machine
-from hdagen.blind.score import bins, closed, confusion, coverage, single
+from hdagen.blind.score import Row, bins, closed, confusion, coverage, single
 from hdagen.blind.sizes import SIZES
 from hdagen.blind.words import WORDS, said
 from hdagen.pages import figure, page
@@ -41,11 +43,22 @@ JOINTS = (
     "not quite linearly, and up to a tenth of it that has no name. The robot file states other parameters than the "
     "true ones, by 2 to 4 % standard deviation, and no friction, or half of it."
 )
+CASE_COLUMNS = (
+    "case", "truth", "size", "snr", "verdict", "beside it", "p of truth", "gap before", "after", "closed (%)",
+)  # fmt: skip
 NB = "\N{NO-BREAK SPACE}"
 
 
 def write(path: Path, report: Report) -> None:
-    """The page into ``path``, whole or not at all; OSError where it cannot be written."""
+    """Write the page of a check, whole or not at all.
+
+    Args:
+        path: the HTML file.
+        report: the report of the check.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     sections = [_figures(report)]
     if single(report.rows):
         sections += [_reliability(report), _effects(report)]
@@ -58,11 +71,20 @@ def write(path: Path, report: Report) -> None:
 
 
 def verdict(report: Report) -> str:
-    """The sentence to take home."""
+    """Sum up a check in one sentence.
+
+    Args:
+        report: the report of the check.
+
+    Returns:
+        The leading figure of the check's kind, and the bars that were missed.
+    """
     lead = LEADS.get(report.asked.kind, "effect")
     words = f"{WORDS[lead][0].upper()}{WORDS[lead][1:]}"
     missed = [WORDS[bar.figure] for bar, _, met in report.bars if not met]
-    bars = f"missed: {', '.join(missed)}" if missed else "every bar is met"
+    bars = "every bar is met"
+    if missed:
+        bars = f"missed: {', '.join(missed)}"
     if lead not in report.summary:
         return f"No case of {report.asked.count} could be judged; {bars}."
     found = report.summary[lead]
@@ -70,24 +92,12 @@ def verdict(report: Report) -> str:
 
 
 def _figures(report: Report) -> page.Section:
-    bars = {bar.figure: (bar, met) for bar, _, met in report.bars}
+    bars = {bar.figure: _bar_cells(bar, met) for bar, _, met in report.bars}
     rows: list[list[Cell]] = []
     for name, words in WORDS.items():
         if name in report.summary:
             found = report.summary[name]
-            bar, met = bars.get(name, (None, False))
-            limit = f"{'≤' if bar.most else '≥'} {bar.value:g}" if bar else ""
-            rows.append(
-                [
-                    words,
-                    found.value,
-                    found.low,
-                    found.high,
-                    found.count,
-                    limit,
-                    ("met" if met else "missed") if bar else "",
-                ]
-            )
+            rows.append([words, found.value, found.low, found.high, found.count, *bars.get(name, ("", ""))])
     table = figure.table(
         "Figures",
         ("", "value", "from", "to", "cases", "bar", ""),
@@ -96,13 +106,22 @@ def _figures(report: Report) -> page.Section:
         caption="From and to: 95 % interval (Wilson's for shares, normal for means, order statistics for medians). A "
         "case without a diagnosis counts as wrong.",
     )
-    made = JOINTS if report.asked.kind == "joint" else ARMS
+    made = ARMS
+    if report.asked.kind == "joint":
+        made = JOINTS
     text = (
         f"Each case is a reality that another simulator made: {made} The labels were sealed by a hash before the first "
         "diagnosis; each diagnosis ran as a process of its own that had a robot file, a log and nothing else; the seal "
         "was opened after the last."
     )
     return page.Section("How often right", text, [table])
+
+
+def _bar_cells(bar: Bar, met: bool) -> tuple[str, str]:
+    """A bar's limit, and whether it was met, as cells of the table."""
+    sign = "≤" if bar.most else "≥"
+    outcome = "met" if met else "missed"
+    return f"{sign} {bar.value:g}", outcome
 
 
 def _reliability(report: Report) -> page.Section:
@@ -169,7 +188,7 @@ def _confusion(report: Report) -> page.Section:
     order = [*SIZES, "unknown", "none", "several", "failed"]
     truths = sorted(counts, key=order.index)
     names = {one for line in counts.values() for one in line}
-    # what a diagnosis names beyond the table of effects stands at the end
+    # effects that a diagnosis names beyond the table of effects stand at the end
     verdicts = [one for one in order if one in names] + sorted(names - set(order))
     grid = [[counts[true].get(one, math.nan) for one in verdicts] for true in truths]
     number = {one: str(at) for at, one in enumerate(dict.fromkeys([*truths, *verdicts]), 1)}
@@ -190,12 +209,14 @@ def _confusion(report: Report) -> page.Section:
         for one, count in sorted(counts[true].items(), key=lambda item: -item[1])
         if one != true
     ]
-    table = figure.table("Taken for something else", ("truth", "verdict", "cases"), mistakes)
-    return page.Section("What was taken for what", "", [drawn, table] if mistakes else [drawn])
+    parts = [drawn]
+    if mistakes:
+        parts.append(figure.table("Taken for something else", ("truth", "verdict", "cases"), mistakes))
+    return page.Section("What was taken for what", "", parts)
 
 
 def _gap(report: Report) -> page.Section:
-    known = [row for row in report.rows if math.isfinite(row.before) and math.isfinite(row.after)]
+    known = [row for row in report.rows if row.has_gap]
     if not known:
         return page.Section("How far the gap shrinks", "No case has a gap before and after.")
     before, after = np.array([row.before for row in known]), np.array([row.after for row in known])
@@ -221,7 +242,7 @@ def _gap(report: Report) -> page.Section:
 def _parameters(report: Report) -> page.Section:
     rows: list[list[Cell]] = []
     for line in report.lines:
-        inside = line.within.value if line.within.count else None
+        inside = 100 * line.within.value if line.within.count else None
         rows.append(
             [
                 line.compared.effect.replace("_", " "),
@@ -230,7 +251,7 @@ def _parameters(report: Report) -> page.Section:
                 line.error.count,
                 100 * line.error.value,
                 100 * max(abs(found - true) / abs(true) for true, found in line.pairs),
-                None if inside is None else 100 * inside,
+                inside,
             ]
         )
     columns = ("effect", "quantity", "unit", "cases", "error, median (%)", "largest (%)", "within 2 std (%)")
@@ -244,33 +265,35 @@ def _parameters(report: Report) -> page.Section:
 
 
 def _cases(report: Report) -> page.Section:
-    joint = report.asked.kind == "joint"
-    rows: list[list[Cell]] = []
-    for row in report.rows:
-        ratio = closed(row) if math.isfinite(row.before) and math.isfinite(row.after) else None
-        may = [f"({one})" for one in row.optional]
-        rows.append(
-            [
-                row.name[:8],
-                ", ".join([*row.truth, *may]) or "none",
-                ", ".join(f"{size:.2g}" for size in row.sizes),
-                row.snr,
-                row.failed or ", ".join(row.verdict) or "none",
-                ", ".join(row.remainder),
-                row.p_truth,
-                row.before if math.isfinite(row.before) else None,
-                row.after if math.isfinite(row.after) else None,
-                None if ratio is None else 100 * ratio,
-                *([row.after_true if math.isfinite(row.after_true) else None] if joint else []),
-            ]
-        )
-    heads = ("case", "truth", "size", "snr", "verdict", "beside it", "p of truth", "gap before", "after", "closed (%)")
-    columns = (*heads, "after, with what is true") if joint else heads
-    size = "level at the motor, N m and N m s/rad" if joint else "in multiples of the typical one (docs/blind.md)"
-    caption = f"Size: {size}. Beside it: what the verdict calls unknown beside what it names."
-    if joint:
-        caption += " In brackets: a term of friction so small that it may be named or not."
+    columns = [*CASE_COLUMNS]
+    size = "in multiples of the typical one (docs/blind.md)"
+    rows = [_case_cells(row) for row in report.rows]
+    brackets = ""
+    if report.asked.kind == "joint":
+        columns.append("after, with what is true")
+        size = "level at the motor, N m and N m s/rad"
+        brackets = " In brackets: a term of friction so small that it may be named or not."
+        for cells, row in zip(rows, report.rows, strict=True):
+            cells.append(finite_or_none(row.after_true))
+    caption = f"Size: {size}. Beside it: what the verdict calls unknown beside what it names.{brackets}"
     return page.Section("All cases", "", [figure.table("Cases", columns, rows, digits=3, caption=caption)])
+
+
+def _case_cells(row: Row) -> list[Cell]:
+    """A case as a row of the table."""
+    may = [f"({one})" for one in row.optional]
+    return [
+        row.name[:8],
+        ", ".join([*row.truth, *may]) or "none",
+        ", ".join(f"{size:.2g}" for size in row.sizes),
+        row.snr,
+        row.failed or ", ".join(row.verdict) or "none",
+        ", ".join(row.remainder),
+        row.p_truth,
+        finite_or_none(row.before),
+        finite_or_none(row.after),
+        100 * closed(row) if row.has_gap else None,
+    ]
 
 
 def _reproduce(report: Report) -> str:

@@ -1,10 +1,10 @@
-"""Calibration: how much of a diagnosis' odds to believe, fitted on seeds of its own, frozen in a file.
+"""Calibration: how far the odds of a diagnosis can be believed, fitted on seeds of its own and frozen in a file.
 
     hdagen blind --kind single --cases 200 --calibrate single.json
     hdagen blind --kind background --cases 200 --calibrate background.json
     python -m hdagen.blind.calibrate single.json background.json --out calibration.json
 
-Temperature and lapse are those that make what happened most likely; `hdagen.diagnosis.calibration` says what they do.
+Temperature and lapse make the observed outcomes most likely; `hdagen.diagnosis.calibration` applies them.
 """
 
 from __future__ import annotations
@@ -24,15 +24,23 @@ from hdagen.diagnosis.calibration import CLOSEST, FROZEN, LARGEST, SCHEMA, Calib
 from hdagen.input_file import InputFileError, read_json
 from hdagen.whole import write_whole
 
-_TEMPERATURES = np.geomspace(1.0, 50.0, 400)  # that are tried: no few cases make a search surer than it is itself
-_LAPSES = 1000  # that are tried with each
-DATA = 1  # schema of what it is fitted to
-_LEAST = 30  # cases
+_TEMPERATURES = np.geomspace(1.0, 50.0, 400)  # tried; from 1 on, as a few cases must not make a search surer than it is
+_LAPSES = 1000  # number of lapses tried with each temperature
+DATA = 1  # schema of the calibration data
+_LEAST = 30  # fewest cases
 
 
 def data(rows: Sequence[Row], kind: str, seed_hash: str) -> str:
-    """The calibration data of a check, as JSON: log-odds of each leading hypothesis before any calibration, and whether
-    the verdict was right."""
+    """Render the calibration data of a check.
+
+    Args:
+        rows: the scored cases; failed ones are left out.
+        kind: the kind of the check.
+        seed_hash: hash of its seed, so that no later check counts on the same cases.
+
+    Returns:
+        JSON: of each case the log-odds of the leading hypothesis before calibration, and whether the verdict was right.
+    """
     cases = []
     for row in rows:
         if not row.failed:
@@ -42,16 +50,16 @@ def data(rows: Sequence[Row], kind: str, seed_hash: str) -> str:
 
 
 def loss(log_odds: np.ndarray, right: np.ndarray, temperature: float, lapse: float = 0.0) -> float:
-    """Mean logarithmic loss, nats, of log-odds (cases,) divided by ``temperature``, with ``lapse``, against what was
-    ``right``."""
+    """Mean logarithmic loss, nats, of the outcomes ``right`` (cases,) under log-odds (cases,) that are divided by
+    ``temperature`` and mixed with ``lapse``."""
     left = np.logaddexp(0.0, log_odds / temperature)  # -log of the chance that it is wrong
     hit = np.log1p(-lapse) + log_odds / temperature - left
     return -float(np.mean(np.where(right, hit, np.log(lapse + (1.0 - lapse) * np.exp(-left)))))
 
 
 def fit(log_odds: np.ndarray, right: np.ndarray) -> tuple[float, float]:
-    """Temperature and lapse of least loss; no lapse is less than all cases could show if they were right. The loss is
-    convex in the lapse, so that thirds of what is tried are left out."""
+    """Fit temperature and lapse of least loss. The least lapse tried is the one that n right cases leave, 1/(n + 2).
+    The loss is convex in the lapse, so that a third of the remaining lapses can be left out at a time."""
     lapses = np.linspace(1.0 / (len(right) + 2), 0.5, _LAPSES).tolist()
 
     def best(temperature: float) -> tuple[float, float, float]:
@@ -59,7 +67,10 @@ def fit(log_odds: np.ndarray, right: np.ndarray) -> tuple[float, float]:
         while high - low > 2:
             third = (high - low) // 3
             a, b = (loss(log_odds, right, temperature, lapses[k]) for k in (low + third, high - third))
-            low, high = (low, high - third) if a <= b else (low + third, high)
+            if a <= b:
+                high -= third
+            else:
+                low += third
         return min((loss(log_odds, right, temperature, lapse), temperature, lapse) for lapse in lapses[low : high + 1])
 
     _, temperature, lapse = min(map(best, _TEMPERATURES.tolist()))
@@ -67,7 +78,18 @@ def fit(log_odds: np.ndarray, right: np.ndarray) -> tuple[float, float]:
 
 
 def freeze(sources: Sequence[Path], out: Path) -> Calibration:
-    """Fit on the data of ``sources`` and write the frozen file. Raises CalibrationError, with every problem."""
+    """Fit a calibration and write its frozen file.
+
+    Args:
+        sources: files of calibration data.
+        out: the frozen file.
+
+    Returns:
+        The calibration, read back from the file.
+
+    Raises:
+        CalibrationError: a file cannot be read, or the cases cannot be calibrated on; the message names every problem.
+    """
     read_, problems = [_data(path) for path in sources], []
     log_odds = np.array([case["log_odds"] for one in read_ for case in one["cases"]], float)
     right = np.array([case["right"] for one in read_ for case in one["cases"]], bool)
@@ -93,7 +115,7 @@ def freeze(sources: Sequence[Path], out: Path) -> Calibration:
 
 
 def _data(path: Path) -> dict[str, Any]:
-    """Calibration data, checked."""
+    """Read and check calibration data."""
     try:
         content = read_json(path, LARGEST, "`hdagen blind --calibrate` writes calibration data")
         good = content["schema"] == DATA and len(content["seed_hash"]) == 64
@@ -112,7 +134,7 @@ def _data(path: Path) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Freeze from the command line."""
+    """Freeze a calibration from the command line."""
     p = argparse.ArgumentParser(prog="python -m hdagen.blind.calibrate", description="Freeze a calibration.")
     p.add_argument("data", nargs="+", type=Path, help="what `hdagen blind --calibrate` wrote")
     p.add_argument("--out", type=Path, default=FROZEN, help="the frozen file (default: the one that diagnose reads)")

@@ -1,4 +1,4 @@
-"""What a seed stands for: cases of each kind, of the family that has it, drawn without simulating anything."""
+"""The cases of a seed: each kind belongs to a family of arms or of joints. Drawing them simulates nothing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Robot(Protocol):
         """robot.toml."""
 
     def noise(self) -> Mapping[str, float]:
-        """Standard deviation of the noise of each channel that a gap is counted over."""
+        """Standard deviation of the noise of each channel that the gap is measured on."""
 
 
 class Case(Protocol):
@@ -23,7 +23,7 @@ class Case(Protocol):
 
     @property
     def name(self) -> str:
-        """Of its folder; says nothing."""
+        """Name of the case's folder; it reveals nothing."""
 
     @property
     def kind(self) -> str:
@@ -34,12 +34,23 @@ class Case(Protocol):
         """The robot whose file the diagnosis sees."""
 
     def label(self) -> dict[str, Any]:
-        """What is sealed."""
+        """The truth that is sealed."""
 
     def true_set(self) -> dict[str, Any] | None:
-        """What a diagnosis.json would hold that knows what is true; None where none can."""
+        """A diagnosis.json that states the truth; None where no diagnosis.json can."""
 
 
 def cases(seed: str, kind: str, count: int) -> tuple[Case, ...]:
-    """The first ``count`` cases of a kind, in their own order; more of them begin with the same ones."""
-    return joints.cases(seed, count) if kind == joints.KIND else arms.cases(seed, kind, count)
+    """Draw the first cases of a kind.
+
+    Args:
+        seed: the seed of the check.
+        kind: one of `hdagen.blind.KINDS`.
+        count: how many cases.
+
+    Returns:
+        The cases, in an order that the seed decides; a larger ``count`` appends to them.
+    """
+    if kind == joints.KIND:
+        return joints.cases(seed, count)
+    return arms.cases(seed, kind, count)

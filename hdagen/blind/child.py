@@ -1,4 +1,4 @@
-"""Child processes: one that makes a log, and the commands of hdagen in an environment that says nothing."""
+"""Child processes of a check: one that makes a log, and hdagen's commands in an environment that reveals nothing."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ MAKER = (sys.executable, "-P", "-m", "hdagen.blind.make")
 
 
 class ChildError(Exception):
-    """A child that failed or was stopped; its last words."""
+    """A child process failed or was stopped; the message is its last line."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A command's exit ``code``, what it printed, its last ``words`` on standard error, and ``seconds``."""
+    """A command's exit ``code``, its standard output ``printed``, the last ``words`` on standard error, and its
+    duration in ``seconds``."""
 
     code: int
     printed: str
@@ -36,13 +37,32 @@ class Ended:
 
 
 def clean_environment(builds: Path) -> dict[str, str]:
-    """What a child may know of this process: where programs and builds are, nothing else."""
+    """Make the environment of a child, which tells where programs and builds are and nothing else.
+
+    Args:
+        builds: folder of the compiled models.
+
+    Returns:
+        Environment variables by name.
+    """
     known = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     return {**known, "PYTHONPATH": str(_PACKAGE), "HDAGEN_BUILD": str(builds.absolute())}
 
 
 def ask(request: Mapping[str, Any], builds: Path, stop: threading.Event) -> dict[str, Any]:
-    """The answer of `hdagen.blind.make`; seed and truth go through pipes and memory only. Raises ChildError."""
+    """Have `hdagen.blind.make` write a log; seed and truth pass through pipes and memory only.
+
+    Args:
+        request: the request that `hdagen.blind.make` describes.
+        builds: folder of the compiled models.
+        stop: stops the child when set.
+
+    Returns:
+        The answer of `hdagen.blind.make`: the truth about the log.
+
+    Raises:
+        ChildError: the log could not be made, or ``stop`` was set.
+    """
     ended = run(MAKER, Path.cwd(), builds, stop, told=json.dumps(request))
     if ended.code:
         raise ChildError(f"the case could not be simulated: {ended.words}")
@@ -57,10 +77,21 @@ def run(
     most_seconds: float = 3600.0,
     told: str = "",
 ) -> Ended:
-    """Run ``command`` in ``folder`` with ``told`` as its input.
+    """Run a command; an interrupt from the keyboard reaches it through ``stop`` only.
 
-    An interrupt from the keyboard reaches it through ``stop`` only. Raises ChildError where it takes longer than
-    ``most_seconds`` or is stopped.
+    Args:
+        command: program and arguments.
+        folder: working folder of the command.
+        builds: folder of the compiled models.
+        stop: stops the command when set.
+        most_seconds: duration after which the command is stopped, s.
+        told: text on the command's standard input.
+
+    Returns:
+        Exit code, output and duration.
+
+    Raises:
+        ChildError: the command took longer than ``most_seconds``, or ``stop`` was set.
     """
     start, pipe = time.monotonic(), subprocess.PIPE
     how = {"cwd": folder, "env": clean_environment(builds), "stdin": pipe, "stdout": pipe, "stderr": pipe, "text": True}
@@ -71,7 +102,7 @@ def run(
                 printed, complained = child.communicate(given, timeout=_LOOK)
                 break
             except subprocess.TimeoutExpired:
-                given = None  # the rest of it is on its way already
+                given = None  # the first call's input is still being sent
                 if stop.is_set():
                     raise ChildError("stopped") from None
                 if time.monotonic() - start > most_seconds:
@@ -80,5 +111,7 @@ def run(
 
 
 def _last(words: str) -> str:
-    lines = [line for line in words.splitlines() if line.strip()]
-    return lines[-1].strip()[:300] if lines else "without a word"
+    lines = [line.strip() for line in words.splitlines() if line.strip()]
+    if not lines:
+        return "without a word"
+    return lines[-1][:300]

@@ -1,4 +1,4 @@
-"""True parameters against found ones: orders, time constants, shapes and sizes of the effects that were named right."""
+"""True parameters against found ones: orders, time constants, shapes and sizes of rightly named effects."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Compared:
     unit: str
     true: Callable[[Values], float]
     found: Callable[[Values], float]
-    std: str = ""  # the parameter whose standard deviation it has, where it is a parameter itself
+    std: str = ""  # name of the parameter that the quantity is, whose standard deviation is known; else empty
 
 
 @dataclass(frozen=True)
 class Line:
-    """A quantity over all cases that have it. ``error``: relative, absolute value, its median; ``within``: share of
+    """A quantity over all cases that have it. ``error``: median of the absolute relative error; ``within``: share of
     cases whose truth lies within two standard deviations; ``pairs``: (true, found)."""
 
     compared: Compared
@@ -48,8 +48,15 @@ def _length(effect: str, words: str, unit: str, true: str, *found: str) -> Compa
 
 
 def _added(effect: str, key: str, true: str) -> Compared:
-    """A base parameter that the effect moves; its scatter is part of what is found."""
+    """Compare a base parameter that the effect moves; its scatter is part of the found change."""
     return Compared(effect, "change", "as nominal", lambda t: t[true] / DRIVE[key], lambda f: f[key] / DRIVE[key] - 1.0)
+
+
+def _stiffer_wall(found: Values) -> str:
+    """Name of the angle of the wall that is found on the stiffer side."""
+    if found["contact_stiffness_above"] > found["contact_stiffness_below"]:
+        return "contact_above"
+    return "contact_below"
 
 
 COMPARED: tuple[Compared, ...] = (
@@ -99,16 +106,21 @@ COMPARED: tuple[Compared, ...] = (
         "angle",
         "rad",
         lambda t: t["angle"],
-        lambda f: (
-            f["contact_above"] if f["contact_stiffness_above"] > f["contact_stiffness_below"] else f["contact_below"]
-        ),
+        lambda f: f[_stiffer_wall(f)],
     ),
     _length("encoder_eccentricity", "amplitude", "rad", "share", "eccentricity_sine", "eccentricity_cosine"),
 )
 
 
 def compare(rows: Sequence[Row]) -> list[Line]:
-    """A line for each quantity of `COMPARED` that some right verdict states."""
+    """Compare true and found parameters.
+
+    Args:
+        rows: the scored cases.
+
+    Returns:
+        A line for each quantity of `COMPARED` that at least one right verdict states.
+    """
     lines = []
     for one in COMPARED:
         pairs, inside = [], []
@@ -121,7 +133,7 @@ def compare(rows: Sequence[Row]) -> list[Line]:
                 try:
                     pair = (one.true(row.true_parameters(key)), one.found(values))
                 except (KeyError, ZeroDivisionError):
-                    continue  # the diagnosis states it otherwise, or not at all
+                    continue  # the diagnosis lacks one of the parameters
                 pairs.append(pair)
                 std = found.get(one.std, {}).get("std")
                 if std:

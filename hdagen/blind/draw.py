@@ -1,4 +1,4 @@
-"""Random numbers that a seed and a purpose alone decide, whatever else is drawn."""
+"""Random numbers that depend on a seed and a purpose alone, whatever else is drawn."""
 
 from __future__ import annotations
 
@@ -9,15 +9,40 @@ import numpy as np
 
 
 def stream(seed: str, *purpose: object) -> np.random.Generator:
-    """A generator that ``seed`` and ``purpose`` alone decide."""
+    """Make a random generator for one purpose.
+
+    Args:
+        seed: the seed of a check.
+        purpose: words and numbers; each purpose has a sequence of its own.
+
+    Returns:
+        A generator that depends on ``seed`` and ``purpose`` alone.
+    """
     return np.random.default_rng(int.from_bytes(digest(seed, *purpose), "big"))
 
 
 def digest(seed: str, *purpose: object) -> bytes:
-    """SHA-256 of ``seed`` and ``purpose``, of which names are made that say nothing."""
+    """Hash a seed and a purpose; names made of the hash reveal neither.
+
+    Args:
+        seed: the seed of a check.
+        purpose: words and numbers.
+
+    Returns:
+        SHA-256, 32 bytes.
+    """
     return hashlib.sha256("\0".join([seed, *map(str, purpose)]).encode()).digest()
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number whose logarithm is even between those of ``low`` and ``high``."""
+    """Draw a number whose logarithm is uniform.
+
+    Args:
+        rng: the random generator.
+        low: the smallest number, above 0.
+        high: the largest number.
+
+    Returns:
+        A number between ``low`` and ``high``, in their unit.
+    """
     return float(math.exp(rng.uniform(math.log(low), math.log(high))))

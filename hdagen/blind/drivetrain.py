@@ -1,9 +1,9 @@
 """The hand-coded half of a reality: one joint's drive, from current to the torque at its link.
 
-MuJoCo has the inertias, the set-valued dry friction, the walls and the current loop's lag (`hdagen.blind.reality`);
-here is the rest, evaluated at every step, what has a memory advanced by its exact solution over the step. The formulas
-are of other kinds than a smooth dictionary has: Maxwell's slip elements in parallel, LuGre's bristle, a heat balance, a
-coupling that is engaged or not, a table for the springs.
+MuJoCo has the inertias, the set-valued dry friction, the walls and the current loop's lag (`hdagen.blind.reality`).
+This file has the rest, evaluated at every step; effects with a memory advance by their exact solution over the step.
+The formulas are of other kinds than those of the smooth model: Maxwell's slip elements in parallel, LuGre's bristle, a
+heat balance, a coupling that is engaged or not, a table for the springs.
 
 Legend: θ motor angle, ω its speed; q, v joint angle and speed; N ratio; φ = θ/N − q + Δ torsion; τ joint torque.
 """
@@ -18,13 +18,13 @@ import numpy as np
 
 from hdagen.blind.sizes import UNKNOWN_KINDS
 
-_CELLS = 4096  # of the spring table
-_ELEMENTS = 8  # of Maxwell's slip model
-_FULL = 12.0  # c_f τ up to which the spring law holds; the tangent from there on (docs/robot.md: law_torque)
+_CELLS = 4096  # number of cells of the spring table
+_ELEMENTS = 8  # number of elements of Maxwell's slip model
+_FULL = 12.0  # c_f τ up to which the spring law holds; beyond it its tangent does (docs/robot.md: law_torque)
 
 
 class Springs:
-    """τ(φ) of both springs in series, docs/robot.md: tabled by solving the torsion law, read by cubic interpolation."""
+    """τ(φ) of both springs in series (docs/robot.md): solutions of the torsion law, interpolated by cubics."""
 
     def __init__(self, drive: Mapping[str, float]) -> None:
         k, c, kw, cw, ratio = (
@@ -62,8 +62,15 @@ class Springs:
         self.per_cell = 1.0 / step
 
     def torque(self, phi: float) -> float:
-        """N m at torsion ``phi``, rad."""
-        size = -phi if phi < 0.0 else phi
+        """Interpolate the springs' torque.
+
+        Args:
+            phi: torsion, rad.
+
+        Returns:
+            Joint torque, N m.
+        """
+        size = abs(phi)
         if size >= self.end:
             tau = self.end_torque + self.end_stiffness * (size - self.end)
         else:
@@ -72,11 +79,13 @@ class Springs:
             x = place - cell
             a, b, c, d = self.cells[cell]
             tau = a + x * (b + x * (c + x * d))
-        return -tau if phi < 0.0 else tau
+        if phi < 0.0:
+            return -tau
+        return tau
 
 
 class Slip:
-    """Generalised Maxwell-slip: springs in parallel that each let go at a force of their own; rate-independent."""
+    """Generalised Maxwell slip: parallel springs that each slide at a torque of their own, independent of the rate."""
 
     def __init__(self, torque: float, angle: float) -> None:
         shares = np.arange(1, _ELEMENTS + 1) / _ELEMENTS
@@ -85,8 +94,17 @@ class Slip:
         self.at: float | None = None
 
     def torque(self, phi: float) -> float:
-        """N m after the torsion moved on to ``phi``, rad."""
-        moved = 0.0 if self.at is None else phi - self.at
+        """Move the torsion on.
+
+        Args:
+            phi: the new torsion, rad.
+
+        Returns:
+            Sum of the elements' torques, N m.
+        """
+        moved = 0.0
+        if self.at is not None:
+            moved = phi - self.at
         self.at = phi
         total = 0.0
         for element in self.elements:
@@ -100,18 +118,20 @@ class Slip:
 class Drivetrain:
     """One joint's drive with the effects that a reality has there.
 
-    ``drive``: true base parameters, SI; ``effects``: parameters by name, as `hdagen.blind.sizes` draws them;
-    ``step`` s.
+    ``drive``: true base parameters, SI; ``effects``: parameters by effect, as `hdagen.blind.sizes` draws them;
+    ``step``: length of a simulation step, s.
     """
 
     def __init__(self, drive: Mapping[str, float], effects: Mapping[str, Mapping[str, float]], step: float) -> None:
         self.effects, self.step = effects, step
         self.ratio = drive["ratio"]
         self.springs = Springs(drive)
-        self.level = effects["stiffness"]["factor"] if "stiffness" in effects else 1.0
+        self.level = effects.get("stiffness", {}).get("factor", 1.0)
         self.damping = drive["torsional_damping"] * effects.get("joint_damping", {}).get("factor", 1.0)
-        self.gap = effects["backlash"]["width"] if "backlash" in effects else 0.0
-        self.slip = Slip(**effects["transmission_hysteresis"]) if "transmission_hysteresis" in effects else None
+        self.gap = effects.get("backlash", {}).get("width", 0.0)
+        self.slip: Slip | None = None
+        if "transmission_hysteresis" in effects:
+            self.slip = Slip(**effects["transmission_hysteresis"])
         self.dry = drive["coulomb_friction"] + effects.get("coulomb_friction", {}).get("torque", 0.0)
         self.viscous = drive["viscous_friction"] + effects.get("viscous_friction", {}).get("coefficient", 0.0)
         constant = drive["torque_constant"] * effects.get("torque_constant", {}).get("factor", 1.0)
@@ -123,28 +143,56 @@ class Drivetrain:
         self.presliding, self.thermal = effects.get("presliding_friction"), effects.get("thermal_friction")
         special = (self.ripple, self.stribeck, self.load, self.asymmetry, self.presliding, self.thermal)
         self.plain = not any(special)
-        self.warm, self.cold_share = 0.0, 1.0  # share of the settled temperature, and of the cold friction left
-        self.lost = 0.0  # J that friction took since the last tick
+        self.warm, self.cold_share = (
+            0.0,
+            1.0,
+        )  # shares: of the settled temperature; of the cold friction left
+        self.lost = 0.0  # heat of friction since the last tick, J
         self.bristle = 0.0  # rad
         self.played = 0.0  # rad, output of the play operator
         self.cable, self.unknown = effects.get("cable_spring"), effects.get("unknown")
 
     def resting(self, q: float, tau: float) -> float:
-        """The motor angle, rad, at which the springs carry ``tau`` N m on a joint that stands at ``q``."""
+        """Find the motor angle at which the springs hold a joint at rest.
+
+        Args:
+            q: joint angle, rad.
+            tau: torque that the springs carry, N m.
+
+        Returns:
+            Motor angle, rad.
+        """
         size = abs(tau) / self.level
         low, high = 0.0, self.springs.end
         for _ in range(60):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.springs.torque(middle) < size else (low, middle)
-        phi = math.copysign(low + 0.5 * self.gap, tau) if tau else 0.0
+            if self.springs.torque(middle) < size:
+                low = middle
+            else:
+                high = middle
+        phi = 0.0
+        if tau:
+            phi = math.copysign(low + 0.5 * self.gap, tau)
         theta = self.ratio * (q + phi)
-        for _ in range(20 if self.kinematic else 0):
-            theta = self.ratio * (q + phi - self._kinematic(theta)[0])
+        if self.kinematic:
+            for _ in range(20):
+                theta = self.ratio * (q + phi - self._kinematic(theta)[0])
         return theta
 
     def torques(self, theta: float, omega: float, q: float, v: float) -> tuple[float, float, float]:
-        """(torque at the motor without dry friction and current, its dry friction's level, τ), all N m."""
-        lead, slope = self._kinematic(theta) if self.kinematic else (0.0, 0.0)
+        """Compute the torques of a step.
+
+        Args:
+            theta: motor angle, rad.
+            omega: motor speed, rad/s.
+            q: joint angle, rad.
+            v: joint speed, rad/s.
+
+        Returns:
+            The torque at the motor without dry friction and current, the level of its dry friction, and the joint
+            torque τ, all in N m.
+        """
+        lead, slope = self._kinematic(theta)
         phi = theta / self.ratio - q + lead
         rate = omega * (1.0 / self.ratio + slope) - v
         if self.slip or self.gap:
@@ -177,7 +225,17 @@ class Drivetrain:
         return motor, max(level, 0.0), tau
 
     def link_torque(self, q: float, v: float, other: float, time: float) -> float:
-        """N m that cables and unknown torques put on the joint; ``other``: angle of the other joint, rad."""
+        """Compute the torque of cables and unknown effects.
+
+        Args:
+            q: joint angle, rad.
+            v: joint speed, rad/s.
+            other: angle of the other joint, rad.
+            time: time since the start, s.
+
+        Returns:
+            Torque at the joint, N m.
+        """
         total = 0.0
         if self.cable:  # a hose that yields a little as it bends further
             total -= self.cable["stiffness"] * math.sin(0.8 * (q - self.cable["rest"])) / 0.8
@@ -186,7 +244,11 @@ class Drivetrain:
         return total
 
     def tick(self, period: float) -> None:
-        """Once a sample: the heat balance C Ṫ = P − T/R, in shares of the temperature that ``power`` settles at."""
+        """Advance the heat balance C Ṫ = P − T/R by a sample, in shares of the temperature that ``power`` settles at.
+
+        Args:
+            period: length of the sample, s.
+        """
         if self.thermal:
             p = self.thermal
             self.warm += (self.lost / period / p["power"] - self.warm) * -math.expm1(-period / p["time"])
@@ -194,9 +256,10 @@ class Drivetrain:
             self.cold_share = math.exp(self.warm * math.log1p(-p["drop"]))
 
     def _kinematic(self, theta: float) -> tuple[float, float]:
-        """Δ(θ), rad, and dΔ/dθ."""
+        """Δ(θ), rad, and dΔ/dθ; 0 without a kinematic error."""
         lead = slope = 0.0
-        assert self.kinematic is not None
+        if not self.kinematic:
+            return lead, slope
         for name, order in (("once", 1.0), ("twice", 2.0), ("fourth", 4.0)):
             angle = order * theta + self.kinematic[f"{name}_phase"]
             lead += self.kinematic[name] * math.sin(angle)
@@ -204,14 +267,20 @@ class Drivetrain:
         return lead, slope
 
     def _transmission(self, phi: float, rate: float) -> float:
-        loop = self.slip.torque(phi) if self.slip else 0.0
+        """Torque of springs, damper and hysteresis, N m, at torsion ``phi``, rad, that changes by ``rate``, rad/s."""
+        loop = 0.0
+        if self.slip:
+            loop = self.slip.torque(phi)
         if self.gap:
             half = 0.5 * self.gap
             if -half < phi < half:
                 return loop  # the flanks are apart: neither spring nor damper reaches across
-            phi -= half if phi > 0.0 else -half
+            phi -= math.copysign(half, phi)
             tau = self.level * self.springs.torque(phi) + self.damping * rate
-            return loop + (max(tau, 0.0) if phi > 0.0 else min(tau, 0.0))  # flanks push and do not pull
+            # the flanks push and do not pull
+            if phi > 0.0:
+                return loop + max(tau, 0.0)
+            return loop + min(tau, 0.0)
         return self.level * self.springs.torque(phi) + self.damping * rate + loop
 
     def _bristle(self, omega: float, level: float) -> float:
@@ -220,7 +289,7 @@ class Drivetrain:
         angle = self.presliding["angle"]
         before = self.bristle
         if omega:
-            target = angle if omega > 0.0 else -angle
+            target = math.copysign(angle, omega)
             self.bristle = target + (before - target) * math.exp(-abs(omega) * self.step / angle)
         rate = (self.bristle - before) / self.step
         force = (self.bristle + self.presliding["damping"] * 1e-2 * rate) / angle

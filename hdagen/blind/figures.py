@@ -1,4 +1,4 @@
-"""Numbers that say how sure they are: shares, means and medians with count and 95 % interval."""
+"""Shares, means and medians with the number of their cases and a 95 % interval."""
 
 from __future__ import annotations
 
@@ -13,28 +13,59 @@ _Z = 1.959963984540054  # 97.5 % of a normal distribution
 
 @dataclass(frozen=True)
 class Figure:
-    """``value`` over ``count`` cases, its 95 % interval from ``low`` to ``high``; NaN where there is no case."""
+    """``value`` over ``count`` cases, its 95 % interval from ``low`` to ``high``; NaN without a case."""
 
     value: float
     count: int
     low: float
     high: float
 
-    def json(self) -> dict[str, float | int | None]:
-        """For JSON, which has no NaN."""
-        return {key: None if not math.isfinite(x) else x for key, x in asdict(self).items()}
+    def json(self) -> dict[str, float | None]:
+        """The fields as JSON takes them: JSON has no NaN."""
+        return {key: finite_or_none(value) for key, value in asdict(self).items()}
+
+
+def finite_or_none(value: float) -> float | None:
+    """Replace a number that JSON does not have.
+
+    Args:
+        value: any number.
+
+    Returns:
+        The number itself, or None where it is not finite.
+    """
+    if math.isfinite(value):
+        return value
+    return None
 
 
 NONE = Figure(math.nan, 0, math.nan, math.nan)
 
 
 def rate(hits: Sequence[bool]) -> Figure:
-    """The share of true ones, with Wilson's interval (J. Am. Stat. Assoc. 22 (1927) 209)."""
+    """Estimate the share of hits, with Wilson's interval.
+
+    Args:
+        hits: one Boolean a case.
+
+    Returns:
+        The share with its 95 % interval; `NONE` without a case.
+
+    Source:
+        E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
+    """
     return _share(sum(hits), len(hits))
 
 
 def rates_together(parts: Sequence[Figure]) -> Figure:
-    """The `rate` over the cases of all."""
+    """Pool shares into the share over all their cases.
+
+    Args:
+        parts: shares that `rate` made of disjoint cases.
+
+    Returns:
+        The share over the cases of all parts, as `rate` would give it.
+    """
     return _share(sum(round(one.value * one.count) for one in parts), sum(one.count for one in parts))
 
 
@@ -44,36 +75,64 @@ def _share(hits: int, n: int) -> Figure:
     share = hits / n
     middle = (share + _Z * _Z / (2 * n)) / (1 + _Z * _Z / n)
     half = _Z / (1 + _Z * _Z / n) * math.sqrt(share * (1 - share) / n + _Z * _Z / (4 * n * n))
-    # at the ends the interval touches them exactly, which rounding must not undo
-    return Figure(
-        share, n, 0.0 if share == 0 else max(middle - half, 0.0), 1.0 if share == 1 else min(middle + half, 1.0)
-    )
+    low, high = max(middle - half, 0.0), min(middle + half, 1.0)
+    # the exact interval touches 0 and 1 there; rounding must not undo that
+    if share == 0:
+        low = 0.0
+    if share == 1:
+        high = 1.0
+    return Figure(share, n, low, high)
 
 
 def mean(values: Sequence[float]) -> Figure:
-    """The mean, with the normal interval of its standard error; of one value the interval is unknown."""
+    """Estimate a mean, with the normal interval of its standard error.
+
+    Args:
+        values: one number a case.
+
+    Returns:
+        The mean with its 95 % interval. Of a single value the interval is NaN; without a value `NONE`.
+    """
     n = len(values)
     if not n:
         return NONE
     middle = float(np.mean(values))
-    half = _Z * float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else math.nan
+    half = math.nan
+    if n > 1:
+        half = _Z * float(np.std(values, ddof=1)) / math.sqrt(n)
     return Figure(middle, n, middle - half, middle + half)
 
 
 def means_together(parts: Sequence[Figure]) -> Figure:
-    """The `mean` over the cases of all, from what each says of its own."""
+    """Pool means into the mean over all their cases.
+
+    Args:
+        parts: means that `mean` made of disjoint cases; their intervals tell their spread.
+
+    Returns:
+        The mean over the cases of all parts, as `mean` would give it.
+    """
     n = sum(one.count for one in parts)
     middle = sum(one.count * one.value for one in parts) / n
     squares = sum(one.count * (one.value - middle) ** 2 for one in parts)
     squares += sum(
         (one.count - 1) * one.count * ((one.high - one.low) / (2 * _Z)) ** 2 for one in parts if one.count > 1
     )
-    half = _Z * math.sqrt(squares / (n - 1) / n) if n > 1 else math.nan
+    half = math.nan
+    if n > 1:
+        half = _Z * math.sqrt(squares / (n - 1) / n)
     return Figure(middle, n, middle - half, middle + half)
 
 
 def median(values: Sequence[float]) -> Figure:
-    """The median, with the interval between order statistics (binomial, normal approximation of the ranks)."""
+    """Estimate a median, with the interval between order statistics.
+
+    Args:
+        values: one number a case.
+
+    Returns:
+        The median with its 95 % interval, from the normal approximation of the ranks; without a value `NONE`.
+    """
     n = len(values)
     if not n:
         return NONE

@@ -18,16 +18,25 @@ from hdagen.blind.draw import stream
 from hdagen.blind.joints import LOOP, JointCase, Nameless
 from hdagen.blind.travel import PERIOD, Travel, link_torques
 
-STEPS = 5  # a PERIOD
+STEPS = 5  # per PERIOD
 STEP = PERIOD / STEPS
-_BANDWIDTH, _SHARE = 30.0, 0.25  # rad/s of the position loop at most, and what of the loop's rate it may have
-_DAMPING = 0.8
-_FILTER = 4.0  # times the bandwidth: of the speed that is made from angles
+_BANDWIDTH, _SHARE = 30.0, 0.25  # largest bandwidth of the position loop: rad/s, and share of the loop's rate, Hz
+_DAMPING = 0.8  # damping ratio of the position loop
+_FILTER = 4.0  # cutoff of the speed filter, in multiples of the bandwidth
 _ALMOST_ONE = 0.9999  # MuJoCo's hardest impedance
 
 
 def make(case: JointCase, which: str, seconds: float) -> dict[str, np.ndarray]:
-    """The log or the hold-out, columns of docs/log.md."""
+    """Simulate a motion of a case.
+
+    Args:
+        case: the drawn case.
+        which: "log" or "hold_out".
+        seconds: length of the motion, s.
+
+    Returns:
+        The log: columns (T,) of docs/log.md by name.
+    """
     motion = case.motion(which, seconds)
     return _Run(case, motion, stream(str(case.seed), "noise", which)).log()
 
@@ -35,8 +44,7 @@ def make(case: JointCase, which: str, seconds: float) -> dict[str, np.ndarray]:
 def _model(case: JointCase, joints: Sequence[Mapping[str, float]]) -> Any:
     """The MuJoCo model of the true links."""
     dry = f'solreffriction="{2 * STEP} 1" solimpfriction="{_ALMOST_ONE} {_ALMOST_ONE} 0.001 0.5 2" frictionloss="1e-3"'
-    body, at = "", 0.0
-    bodies = []
+    at, bodies = 0.0, []
     for j, joint in enumerate(joints):
         own, rotor = joint["inertia"], joint["motor_inertia"] * joint["ratio"] ** 2
         bodies.append(
@@ -56,7 +64,16 @@ def _model(case: JointCase, joints: Sequence[Mapping[str, float]]) -> Any:
 
 
 def wandering(rng: np.random.Generator, nameless: Nameless, count: int) -> np.ndarray:
-    """A random torque (count,) of each PERIOD with the stated rms and correlation time, N m."""
+    """Draw a random torque of the stated rms and correlation time.
+
+    Args:
+        rng: the random generator.
+        nameless: states the rms, N m, and the correlation time, s.
+        count: how many PERIODs.
+
+    Returns:
+        The torque in each PERIOD (count,), N m.
+    """
     keep = math.exp(-PERIOD / nameless.time)
     kicks = rng.standard_normal(count)
     values, value = np.empty(count), float(rng.standard_normal())
@@ -66,6 +83,13 @@ def wandering(rng: np.random.Generator, nameless: Nameless, count: int) -> np.nd
     return nameless.wander * values
 
 
+def _input_gains(case: JointCase, joints: Sequence[Mapping[str, float]]) -> list[float]:
+    """Torque at each joint per unit of its input, N m/A or 1."""
+    if case.robot.current:
+        return [joint["ratio"] * joint["torque_constant"] for joint in joints]
+    return [joint["ratio"] for joint in joints]
+
+
 class _Run:
     """One simulation: MuJoCo's state, the controller, and the rows so far."""
 
@@ -73,8 +97,10 @@ class _Run:
         self.case, self.motion, self.rng = case, motion, rng
         nominal = case.robot.joints
         self.true = case.true_joints()
-        self.every = 1000 // case.rate  # PERIODs a row
-        self.hold = self.every if case.commanded else 1000 // LOOP  # PERIODs that a command is held
+        self.every = 1000 // case.rate  # PERIODs per row
+        self.hold = 1000 // LOOP  # PERIODs for which a command is held
+        if case.commanded:
+            self.hold = self.every
         self.model = _model(case, self.true)
         self.data = mujoco.MjData(self.model)
         self.wander = np.column_stack([wandering(rng, one, len(motion.time)) for one in case.nameless])
@@ -87,19 +113,17 @@ class _Run:
             for j in range(len(nominal))
         ]
         self.filter = 1.0 - math.exp(-_FILTER * self.bandwidth / frequency)
-        # units of the robot: what an angle of the joint is at its encoder, what an input is at the joint
-        self.scale = [joint["ratio"] if case.robot.encoder == "motor" else 1.0 for joint in nominal]
-        self.gain = [joint["ratio"] * (joint["torque_constant"] if case.robot.current else 1.0) for joint in self.true]
-        self.gain_known = [
-            joint["ratio"] * (joint["torque_constant"] if case.robot.current else 1.0) for joint in nominal
-        ]
+        self.scale = [1.0] * len(nominal)  # angle at the encoder per angle of the joint
+        if case.robot.encoder == "motor":
+            self.scale = [joint["ratio"] for joint in nominal]
+        self.gain, self.gain_known = _input_gains(case, self.true), _input_gains(case, nominal)
         self.speed = [0.0] * len(nominal)
         self.seen: list[float] | None = None
         self.input = [float(t) / g for t, g in zip(self.ahead[0], self.gain_known, strict=True)]
         self.before = [0.0] * len(nominal)
 
     def log(self) -> dict[str, np.ndarray]:
-        """Simulate all of it."""
+        """Simulate the whole motion; return the log's columns by name."""
         case, rows = self.case, []
         for k in range(len(self.motion.time)):
             acted, read = list(self.input), self._read()
@@ -110,7 +134,7 @@ class _Run:
                 rows.append([list(self.input), [a + n for a, n in zip(acted, noise, strict=True)], read])
             self._advance(k, acted)
         table = np.array(rows)
-        quantity = "motor_current" if case.robot.current else "motor_torque"
+        quantity = ("motor_torque", "motor_current")[case.robot.current]
         names = [f"{quantity}_command", quantity, f"{case.robot.encoder}_position"]
         jitter = self.rng.uniform(-case.jitter, case.jitter, len(rows))
         columns: dict[str, np.ndarray] = {"time": np.arange(len(rows)) / case.rate + jitter}
@@ -121,7 +145,7 @@ class _Run:
         return columns
 
     def _read(self) -> list[float]:
-        """The encoders, rad."""
+        """Read the encoders, rad."""
         read = []
         for j, joint in enumerate(self.case.robot.joints):
             angle = float(self.data.qpos[j]) * self.scale[j] + joint["encoder_noise"] * float(
@@ -131,7 +155,7 @@ class _Run:
         return read
 
     def _control(self, k: int, read: list[float]) -> None:
-        """Torque of the robot file's links along the reference, and a position loop on the encoders."""
+        """Set the input: the torque of the robot file's links along the reference, and a position loop on encoders."""
         seen, self.seen = self.seen or read, read
         for j, scale in enumerate(self.scale):
             rate = (read[j] - seen[j]) / scale / (self.hold * PERIOD)
@@ -142,19 +166,20 @@ class _Run:
             self.input[j] = (float(self.ahead[k, j]) + self.inertia[j] * wanted) / self.gain_known[j]
 
     def _advance(self, k: int, acted: list[float]) -> None:
-        """A PERIOD: what jumps at its start counts by half before and by half after."""
+        """Simulate a PERIOD; in its first step an input that jumps has the mean of before and after."""
         m, d = self.model, self.data
         drive = [i * g for i, g in zip(self.input, self.gain, strict=True)]
         first = [0.5 * (i * g + new) for i, g, new in zip(acted, self.gain, drive, strict=True)]
         wander = self.wander[k].tolist()
         for n in range(STEPS):
+            torques = drive if n else first
             angles, speeds = d.qpos.tolist(), d.qvel.tolist()
             for j, (friction, nameless) in enumerate(zip(self.case.friction, self.case.nameless, strict=True)):
                 q, v = angles[j], 1.5 * speeds[j] - 0.5 * self.before[j]
                 level = 1.0 + nameless.varying * math.sin(nameless.waves * q + nameless.phase)
                 grown = friction.viscous * (abs(v) / friction.speed) ** friction.exponent
                 without_name = wander[j] + nameless.ripple * math.sin(nameless.order * q + nameless.phase)
-                d.qfrc_applied[j] = (drive[j] if n else first[j]) - math.copysign(level * grown, v) + without_name
+                d.qfrc_applied[j] = torques[j] - math.copysign(level * grown, v) + without_name
                 m.dof_frictionloss[j] = level * friction.coulomb
             self.before = speeds
             mujoco.mj_step(m, d)

@@ -1,7 +1,7 @@
-"""Joints of real machines, one or two, whose friction the robot file leaves out, beside torque that has no name.
+"""One or two joints of a real machine whose friction the robot file leaves out, beside torque that no effect describes.
 
-Drawn without simulating anything. Legend: J joints, T instants; q angles, rad; v speeds, a accelerations; torques at
-the joint, N m, but where they are said to be at the motor.
+Drawing them simulates nothing. Legend: J joints, T instants; q angles, rad; v speeds, a accelerations. Torques are at
+the joint, N m, unless the motor is named.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from hdagen.blind.draw import digest, log_uniform, stream
 from hdagen.blind.travel import Travel, link_torques, travel
 
 KIND = "joint"
-LENGTH = 24.0  # s of the log's motion, over which friction is sized and its best linear size is found
+LENGTH = 24.0  # s of the log's motion, over which friction is drawn and its best linear size is fitted
 RATES = (50, 100, 200, 500, 1000)  # Hz, of logs
 LOOP = 1000  # Hz, of a controller whose commands are not logged
 TOLERANCE = 0.05  # relative standard deviation that the robot file states
-FURTHEST = 2.5  # standard deviations of the true parameters at most
+FURTHEST = 2.5  # largest deviation of a true parameter, in standard deviations
 SCATTERED = ("mass", "center_of_mass", "inertia", "motor_inertia", "torque_constant")
 FRICTION = ("coulomb_friction", "viscous_friction")
-REQUIRED = 0.25  # of a joint's friction at its usual speed, from where a term has to be named
-NAMELESS = 0.1  # of the friction, rms: the most that torque without a name has
-_MOVING = 1e-3  # rad/s, below which a joint stands
+REQUIRED = 0.25  # share of a joint's friction at its usual speed from which a term has to be named
+NAMELESS = 0.1  # largest torque without a name, as a share of the friction, both rms
+_MOVING = 1e-3  # rad/s; a slower joint stands
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,25 @@ class Friction:
     speed: float
 
     def torque(self, v: np.ndarray) -> np.ndarray:
-        """Against the motion, at speeds (T,)."""
+        """Compute the friction torque.
+
+        Args:
+            v: speeds (T,), rad/s.
+
+        Returns:
+            Torque (T,), N m, with the sign of the speed.
+        """
         return np.asarray(np.sign(v) * (self.coulomb + self.viscous * (np.abs(v) / self.speed) ** self.exponent))
 
     def linear(self, v: np.ndarray) -> tuple[float, float]:
-        """Level and coefficient, N m s/rad, that come closest along speeds (T,), in least squares."""
+        """Fit Coulomb and viscous friction to the true friction by least squares.
+
+        Args:
+            v: speeds (T,), rad/s.
+
+        Returns:
+            Level, N m, and coefficient, N m s/rad.
+        """
         columns = np.column_stack([np.sign(v), v])
         level, coefficient = np.linalg.lstsq(columns, self.torque(v), rcond=None)[0]
         return float(level), float(coefficient)
@@ -53,8 +67,8 @@ class Friction:
 @dataclass(frozen=True)
 class Nameless:
     """Torque at a joint that no effect describes. ``wander``: rms of a slow random torque with correlation ``time``, s;
-    ``ripple`` of ``order`` a turn and ``phase``; ``varying``: share by which friction goes up and down with the angle,
-    ``waves`` a radian."""
+    ``ripple`` with ``order`` periods a turn and ``phase``; ``varying``: amplitude of the friction's relative change
+    with the angle, at ``waves`` rad per rad."""
 
     wander: float
     time: float
@@ -68,7 +82,7 @@ class Nameless:
 @dataclass(frozen=True)
 class JointRobot:
     """A chain of rigid joints as its file states it. ``joints``: keys of the tables link, drive and sensor together,
-    SI; ``encoder``: "motor" or "joint", where its angles are read; ``current``: its drives are driven by current."""
+    SI; ``encoder``: "motor" or "joint", where the encoders sit; ``current``: currents drive it, not torques."""
 
     name: str
     gravity: tuple[float, float]
@@ -81,7 +95,9 @@ class JointRobot:
         document = tomlkit.document()
         document.update({"name": self.name, "gravity": list(self.gravity), "tolerance": TOLERANCE})
         tables = tomlkit.aot()
-        drive = ("ratio", "motor_inertia", *(["torque_constant"] if self.current else []), *FRICTION)
+        drive = ["ratio", "motor_inertia", *FRICTION]
+        if self.current:
+            drive.insert(2, "torque_constant")
         for joint in self.joints:
             table = tomlkit.table()
             table.update({key: joint[key] for key in ("length", "mass", "center_of_mass", "inertia")})
@@ -96,7 +112,7 @@ class JointRobot:
         return tomlkit.dumps(document)
 
     def noise(self) -> dict[str, float]:
-        """Standard deviation of the noise of each angle: a measured input drives the model, and a command is told."""
+        """Standard deviation of the noise of each angle; inputs are given to the model and do not count."""
         return {
             f"{self.encoder}_position_{j}": math.hypot(joint["encoder_noise"], joint["resolution"] / math.sqrt(12.0))
             for j, joint in enumerate(self.joints, 1)
@@ -106,8 +122,8 @@ class JointRobot:
 @dataclass(frozen=True)
 class JointCase:
     """A case before it is simulated. ``rate`` of the log, Hz; ``commanded``: the log has commands, and the controller
-    runs at its rate; ``scatter``: relative standard deviation of the true parameters; ``jitter``: the most that stamps
-    are off, s; ``speeds``, rad/s, that each joint's motion seldom passes; ``seed`` of all else."""
+    runs at the log's rate; ``scatter``: relative standard deviation of the true parameters; ``jitter``: largest error
+    of the time stamps, s; ``speeds``, rad/s, that each joint's motion seldom passes; ``seed`` of everything else."""
 
     name: str
     robot: JointRobot
@@ -122,7 +138,15 @@ class JointCase:
     kind: str = KIND
 
     def motion(self, which: str, seconds: float) -> Travel:
-        """The motion of the "log" or the "hold_out"."""
+        """Draw the motion of the log or of the hold-out.
+
+        Args:
+            which: "log" or "hold_out".
+            seconds: length of the motion, s.
+
+        Returns:
+            The reference of all joints.
+        """
         return travel(stream(str(self.seed), "motion", which), self.speeds, seconds)
 
     def true_joints(self) -> list[dict[str, float]]:
@@ -135,8 +159,8 @@ class JointCase:
         return true
 
     def parameters(self) -> dict[str, dict[str, float]]:
-        """By effect@joint, at the motor: ``level`` of the best linear friction, ``alone`` of the best where the robot
-        file's number of the other term stands, and ``share`` of the joint's friction at its usual speed."""
+        """Parameters of each term of friction by effect@joint, at the motor: ``level`` of the best linear friction,
+        ``alone`` with the other term as in the robot file, and ``share`` of the joint's friction at its usual speed."""
         found = {}
         for j, (joint, friction, v) in enumerate(zip(self.robot.joints, self.friction, self._speeds(), strict=True), 1):
             level, coefficient = friction.linear(v)
@@ -154,12 +178,14 @@ class JointCase:
         return found
 
     def snr(self) -> float:
-        """How far the friction that the robot file lacks stands above the noise of the input; the best joint's."""
+        """Ratio of the friction that the robot file lacks to the noise of the input, rms; the largest of all joints."""
         found = []
         for joint, friction, v in zip(self.robot.joints, self.friction, self._speeds(), strict=True):
             stated = joint["coulomb_friction"] * np.sign(v) + joint["viscous_friction"] * joint["ratio"] * v
             lacking = friction.torque(v) / joint["ratio"] - stated
-            noise = joint["input_noise"] * (joint["torque_constant"] if self.robot.current else 1.0)
+            noise = joint["input_noise"]
+            if self.robot.current:
+                noise *= joint["torque_constant"]
             found.append(float(np.sqrt(np.mean(lacking**2))) / noise)
         return max(found)
 
@@ -168,7 +194,7 @@ class JointCase:
         return _moving(self.motion("log", LENGTH))
 
     def label(self) -> dict[str, Any]:
-        """What is sealed: ``optional`` may be named or not, ``sizes`` are levels at the motor."""
+        """The truth that is sealed: ``optional`` effects may be named or not, ``sizes`` are levels at the motor."""
         found = self.parameters()
         required = [name for name, p in found.items() if p["share"] >= REQUIRED]
         optional = [name for name in found if name not in required]
@@ -177,9 +203,7 @@ class JointCase:
             "verdict": required,
             "optional": optional,
             "sizes": [found[name]["level"] for name in (*required, *optional)],
-            "background": max(
-                _nameless_share(f, n, v) for f, n, v in zip(self.friction, self.nameless, self._speeds(), strict=True)
-            ),
+            "background": max(map(_nameless_share, self.friction, self.nameless, self._speeds())),
             "joints": [asdict(f) | asdict(n) for f, n in zip(self.friction, self.nameless, strict=True)],
             "seed": self.seed,
         }
@@ -187,33 +211,38 @@ class JointCase:
     def true_set(self) -> dict[str, Any]:
         """A diagnosis.json with the best linear friction and the true base parameters."""
         found = self.parameters()
-        causes = [
-            {
-                "effect": effect,
-                "joint": int(j),
-                "parameters": {effect: {"value": max(found[f"{effect}@{j}"]["level"], 0.0)}},
-            }
-            for effect, _, j in (name.partition("@") for name in found)
-        ]
+        causes = []
+        for name, p in found.items():
+            effect, _, j = name.partition("@")
+            value = {effect: {"value": max(p["level"], 0.0)}}
+            causes.append({"effect": effect, "joint": int(j), "parameters": value})
         base = SCATTERED if self.robot.current else SCATTERED[:-1]
         numbers = {f"{key}_{j}": joint[key] for j, joint in enumerate(self.true_joints(), 1) for key in base}
         return {"schema": 1, "verdict": list(found), "causes": causes, "parameters": numbers}
 
 
 def _moving(motion: Travel) -> list[np.ndarray]:
-    """Speeds of each joint where it moves."""
+    """Speeds of each joint at the instants at which it moves."""
     return [v[np.abs(v) > _MOVING] for v in motion.velocity.T]
 
 
 def _nameless_share(friction: Friction, nameless: Nameless, v: np.ndarray) -> float:
-    """Torque without a name by friction, both rms."""
+    """Ratio of the torque without a name to the friction, both rms."""
     usual = float(np.sqrt(np.mean(friction.torque(v) ** 2)))
     squares = (nameless.wander / usual) ** 2 + 0.5 * (nameless.ripple / usual) ** 2 + 0.5 * nameless.varying**2
     return math.sqrt(squares)
 
 
 def cases(seed: str, count: int) -> tuple[JointCase, ...]:
-    """The first ``count`` cases, in their own order; more of them begin with the same ones."""
+    """Draw the first cases.
+
+    Args:
+        seed: the seed of the check.
+        count: how many cases.
+
+    Returns:
+        The cases, in an order that the seed decides; a larger ``count`` appends to them.
+    """
     return tuple(_case(seed, index) for index in range(count))
 
 
@@ -234,7 +263,9 @@ def _case(seed: str, index: int) -> JointCase:
     usual = np.sqrt(np.mean(asked**2, axis=0))
     friction = tuple(_friction(rng, float(t), v) for t, v in zip(usual, moving, strict=True))
     nameless = tuple(_nameless(rng, f, v) for f, v in zip(friction, moving, strict=True))
-    known = 0.5 if rng.random() < 1 / 3 else 0.0  # of the friction, that the robot file states
+    known = 0.0  # share of the friction that the robot file states
+    if rng.random() < 1 / 3:
+        known = 0.5
     joints = [
         {**link, **_drive(rng, link, f, float(t), v, known), **_sensor(rng, encoder, link["ratio"])}
         for link, f, t, v in zip(links, friction, usual, moving, strict=True)
@@ -246,15 +277,17 @@ def _case(seed: str, index: int) -> JointCase:
 
 
 def _links(rng: np.random.Generator, count: int) -> list[dict[str, float]]:
-    """Links from those of a light leg to those of a welding robot, with rotors that weigh as much through the gear; a
-    quarter of the drives have no gear."""
+    """Draw links from those of a light leg to those of a welding robot, and rotors of up to the same inertia at the
+    joint; a quarter of the drives have no gear."""
     links: list[dict[str, float]] = []
     mass = log_uniform(rng, 1.0, 12.0)
     for _ in range(count):
         length = float(rng.uniform(0.2, 0.5))
         center = length * float(rng.uniform(0.3, 0.6))
         own = mass * length**2 * float(rng.uniform(0.06, 0.12))
-        ratio = 1.0 if rng.random() < 0.25 else _rounded(log_uniform(rng, 1.0, 100.0), 3)
+        ratio = 1.0
+        if rng.random() >= 0.25:
+            ratio = _rounded(log_uniform(rng, 1.0, 100.0), 3)
         about = own + mass * center**2
         stated = {"length": length, "mass": mass, "center_of_mass": center, "inertia": own}
         stated["motor_inertia"] = about * log_uniform(rng, 0.1, 1.0) / ratio**2
@@ -264,7 +297,7 @@ def _links(rng: np.random.Generator, count: int) -> list[dict[str, float]]:
 
 
 def _friction(rng: np.random.Generator, usual: float, v: np.ndarray) -> Friction:
-    """A fifth of the ``usual`` torque of motion up to all of it, rms."""
+    """Draw friction between a fifth of the ``usual`` torque of the motion and all of it, rms."""
     speed = float(np.sqrt(np.mean(v**2)))
     dry = float(rng.uniform(0.1, 0.9))
     one = Friction(dry, 1.0 - dry, float(rng.uniform(0.8, 1.2)), speed)
@@ -273,7 +306,7 @@ def _friction(rng: np.random.Generator, usual: float, v: np.ndarray) -> Friction
 
 
 def _nameless(rng: np.random.Generator, friction: Friction, v: np.ndarray) -> Nameless:
-    """Up to a tenth of the friction, shared at random among what wanders, what ripples and what varies."""
+    """Draw torque of up to a tenth of the friction, shared at random among wandering, ripple and varying friction."""
     usual = float(np.sqrt(np.mean(friction.torque(v) ** 2)))
     wander, ripple, varying = np.sqrt(rng.dirichlet([1.0, 1.0, 1.0])) * rng.uniform(0.0, NAMELESS)
     order = log_uniform(rng, 5.0, 120.0)
@@ -291,8 +324,8 @@ def _nameless(rng: np.random.Generator, friction: Friction, v: np.ndarray) -> Na
 def _drive(
     rng: np.random.Generator, link: Mapping[str, float], friction: Friction, usual: float, v: np.ndarray, known: float
 ) -> dict[str, float]:
-    """What the robot file says of a drive: the ``known`` share of its friction, at the motor; and the noise of its
-    input, A or N m, which is small beside what the motion needs."""
+    """Draw a drive of the robot file: the ``known`` share of its friction, at the motor; and the noise of its input, A
+    or N m, which is small beside the input that the motion needs."""
     ratio = link["ratio"]
     level, coefficient = friction.linear(v)
     constant = usual / ratio / log_uniform(rng, 1.0, 8.0)
@@ -305,8 +338,10 @@ def _drive(
 
 
 def _sensor(rng: np.random.Generator, encoder: str, ratio: float) -> dict[str, float]:
-    """An encoder of a whole power of two counts a turn, at the rotor or at the joint."""
-    scale = ratio if encoder == "motor" else 1.0
+    """Draw an encoder at the rotor or at the joint; its counts per turn are a power of two."""
+    scale = 1.0
+    if encoder == "motor":
+        scale = ratio
     resolution = 2.0 * math.pi / 2 ** round(math.log2(2.0 * math.pi / (scale * log_uniform(rng, 5e-6, 3e-4))))
     return {"resolution": resolution, "encoder_noise": _rounded(resolution * float(rng.uniform(0.0, 0.5)))}
 

@@ -1,11 +1,11 @@
-"""A child process that makes the logs of one case: a request on standard input, what is true of it on standard output.
+"""A child process that makes the logs of one case: a request on standard input, the truth on standard output.
 
     python -m hdagen.blind.make < request.json
 
-Nothing of the truth is written to a file. The request: ``seed``, ``kind``, ``index`` of the case, ``motion`` "log" or
-"hold_out", ``seconds`` how long, ``out`` the path of the log, ``truth`` what an earlier answer said (then it is not
-found anew). The answer: ``snr``, how far the true effects stand above the noise of the channel that shows them best,
-and ``parameters``.
+The truth is never written to a file. The request: ``seed``, ``kind``, ``index`` of the case, ``motion`` "log" or
+"hold_out", its length ``seconds``, ``out`` the path of the log, and ``truth``, the parameters of an earlier answer
+(then they are not drawn again). The answer: ``snr``, the ratio of the true effects to the noise on the channel that
+shows them best, and ``parameters``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from hdagen.blind.motion import Motion, circle, rich
 from hdagen.blind.reality import MOST_CURRENT, World, simulate
 from hdagen.log import write
 
-Parameters = dict[tuple[str, int], dict[str, float]]
+JointEffects = dict[str, dict[str, float]]  # parameters by effect
+Parameters = dict[tuple[str, int], dict[str, float]]  # parameters by effect and joint
 CHANNELS = {
     "motor_current": "current_noise",
     "motor_position": "motor_encoder_resolution",
@@ -36,7 +37,18 @@ CHANNELS = {
 def make(
     case: ArmCase, motion: str, seconds: float, found: Parameters | None
 ) -> tuple[dict[str, np.ndarray], Parameters, float]:
-    """The log, the parameters of every effect in it, and the true effects' signal-to-noise ratio (0 for hold-outs)."""
+    """Make a log of a case.
+
+    Args:
+        case: the drawn case.
+        motion: "log" or "hold_out".
+        seconds: length of the motion, s.
+        found: parameters of every effect from an earlier log of the case; None to draw them.
+
+    Returns:
+        The log's columns by name, the parameters of every effect in it, and the signal-to-noise ratio of the true
+        effects (0 where the parameters were given).
+    """
     robot, path = case.robot, _motion(case, motion, seconds)
     seed = case.seed ^ (motion == "hold_out")
     if found is not None:
@@ -49,8 +61,10 @@ def make(
         without = simulate(_world(case, quiet), robot.joints, path, seed)
         ends = {j: {**ends[j], "peak": float(np.abs(without[f"motor_current_command_{j}"]).max())} for j in ends}
     found = parameters(case, ends)
-    log = simulate(_world(case, found), robot.joints, path, seed)
-    return log, found, _snr(log, without, robot) if without else 0.0
+    log, snr = simulate(_world(case, found), robot.joints, path, seed), 0.0
+    if without:
+        snr = _snr(log, without, robot)
+    return log, found, snr
 
 
 def _motion(case: ArmCase, motion: str, seconds: float) -> Motion:
@@ -62,12 +76,14 @@ def _motion(case: ArmCase, motion: str, seconds: float) -> Motion:
 
 
 def _world(case: ArmCase, found: Parameters) -> World:
-    of_joints = [{effect: p for (effect, joint), p in found.items() if joint == j} for j in (0, 1, 2)]
-    return World(scattered(case.robot, case.seed), of_joints[1:], of_joints[0], case.robot.gravity)
+    arm, first, second = JointEffects(), JointEffects(), JointEffects()
+    for (effect, joint), p in found.items():
+        (arm, first, second)[joint][effect] = p
+    return World(scattered(case.robot, case.seed), [first, second], arm, case.robot.gravity)
 
 
 def _ends(path: Motion) -> dict[int, dict[str, float]]:
-    """What the motion reaches at each joint, and the most that the controller may ask for."""
+    """The angles that the motion reaches at each joint, rad, and the controller's largest command, A."""
     reached = zip(path.position.min(axis=0), path.position.max(axis=0), strict=True)
     return {
         j: {"peak": MOST_CURRENT, "lowest": float(low), "highest": float(high)}
@@ -76,23 +92,39 @@ def _ends(path: Motion) -> dict[int, dict[str, float]]:
 
 
 def _snr(log: Mapping[str, np.ndarray], without: Mapping[str, np.ndarray], robot: TwoJointArm) -> float:
-    """Root mean square of what the effects change, in multiples of the channel's noise; the best channel's."""
+    """The change that the effects make, rms, in multiples of the channel's noise; the largest of all channels."""
     found = []
     for channel, key in CHANNELS.items():
         for j, joint in enumerate(robot.joints, 1):
-            noise = joint[key] if key == "current_noise" else joint[key] / np.sqrt(12.0)
+            noise = joint[key]
+            if key != "current_noise":  # an encoder rounds to its resolution
+                noise = noise / np.sqrt(12.0)
             change = log[f"{channel}_{j}"] - without[f"{channel}_{j}"]
             found.append(float(np.sqrt(np.mean(change**2))) / noise)
     return max(found)
 
 
 def packed(found: Parameters) -> dict[str, dict[str, float]]:
-    """For JSON: parameters by name@joint."""
+    """Key parameters by name@joint, as JSON needs it.
+
+    Args:
+        found: parameters by effect and joint.
+
+    Returns:
+        The same parameters by name@joint.
+    """
     return {f"{effect}@{joint}": p for (effect, joint), p in found.items()}
 
 
 def unpacked(found: Mapping[str, Mapping[str, float]]) -> Parameters:
-    """The other way round."""
+    """Undo `packed`.
+
+    Args:
+        found: parameters by name@joint.
+
+    Returns:
+        The same parameters by effect and joint.
+    """
     return {(key.split("@")[0], int(key.split("@")[1])): dict(p) for key, p in found.items()}
 
 
@@ -105,7 +137,9 @@ def main() -> None:
         told = {"snr": case.snr(), "parameters": case.parameters()}
     else:
         assert isinstance(case, ArmCase)
-        known = unpacked(request["truth"]) if request.get("truth") is not None else None
+        known = None
+        if request.get("truth") is not None:
+            known = unpacked(request["truth"])
         log, found, snr = make(case, request["motion"], request["seconds"], known)
         told = {"snr": snr, "parameters": packed(found)}
     write(log, request["out"])

@@ -1,4 +1,4 @@
-"""Motions: references and pushes by row, made of sines, holds and a circle."""
+"""Motions of two-joint arms: references and pushes by row, made of sines, holds and a circle."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 PERIOD = 1e-3  # s
 _SWINGS = (0.12, 0.9)  # Hz, slow sines that cover range, speed and load
 _MULTISINE = (1.0, 24.0)  # Hz, small sines that excite the transmission
-_MOST_SPEED = 3.0  # rad/s at a joint: half of what a CSG-17 turns at most
+_MOST_SPEED = 3.0  # rad/s at a joint: half of a CSG-17's largest speed
 _HOLD = 0.6  # s
 _RAMP = 0.3  # s, into and out of a hold
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """``time`` (T,) s; ``position`` (T, 2) rad and ``velocity`` (T, 2) rad/s of the reference; ``force`` (T, 2) N on
-    the tip, base frame, row k held to row k + 1."""
+    """A reference with pushes: ``time`` (T,) s; ``position`` (T, 2) rad and ``velocity`` (T, 2) rad/s; ``force`` (T, 2)
+    N on the tip in the base frame, which holds from row k to row k + 1."""
 
     time: np.ndarray
     position: np.ndarray
@@ -27,7 +27,15 @@ class Motion:
 
 
 def rich(seed: int, seconds: float = 10.0) -> Motion:
-    """Slow swings over most of the range with reversals of many sizes, a multisine to 24 Hz, two holds, two pushes."""
+    """Draw slow swings over most of the range with reversals of many sizes, a multisine to 24 Hz, holds and pushes.
+
+    Args:
+        seed: seed of the random numbers.
+        seconds: length of the motion, s.
+
+    Returns:
+        The motion, with a row every `PERIOD`.
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     warped = _with_holds(time, rng)
@@ -45,7 +53,7 @@ def rich(seed: int, seconds: float = 10.0) -> Motion:
 
 
 def _with_holds(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A time that starts from rest, stands still twice, and runs as fast as the clock in between, s."""
+    """A warped time, s, that starts from rest, stands still twice, and runs as fast as the clock in between."""
     rate = np.clip(time / _RAMP, 0.0, 1.0)
     for share in (0.35, 0.75):
         start = time[-1] * (share + rng.uniform(-0.1, 0.1))
@@ -78,11 +86,21 @@ def _pushes(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def circle(seed: int, lengths: tuple[float, float], seconds: float = 10.0) -> Motion:
-    """The paper's task: a circle of 5 cm radius, pushed in x from 3 s to 4 s and in y from 6 s to 7 s."""
+    """Draw the paper's task: a circle of 5 cm radius, pushed in x from 3 s to 4 s and in y from 6 s to 7 s.
+
+    Args:
+        seed: seed of the random numbers: place and speed of the circle, sizes of the pushes.
+        lengths: lengths of both links, m.
+        seconds: length of the motion, s.
+
+    Returns:
+        The motion, with a row every `PERIOD`.
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     l1, l2 = lengths
-    middle = 0.7 * (l1 + l2) * np.array([math.cos(bearing := rng.uniform(-0.8, 0.8)), math.sin(bearing)])
+    bearing = rng.uniform(-0.8, 0.8)
+    middle = 0.7 * (l1 + l2) * np.array([math.cos(bearing), math.sin(bearing)])
     turn, way = rng.uniform(2.5, 4.0), rng.choice([-1.0, 1.0])
     ramp = np.clip(time / 0.8, 0.0, 1.0)
     rate = ramp * ramp * (3.0 - 2.0 * ramp) * 2.0 * np.pi / turn

@@ -1,12 +1,12 @@
-"""What sealed checks found, those of a kind together, in one file, and the table that README and docs have of it.
+"""The figures of sealed checks, pooled by kind in one file, and the table of them for README and docs.
 
 python -m hdagen.blind.rates blind-single/blind.json blind-none/blind.json again/blind.json --out docs/blind.json
 python -m hdagen.blind.rates docs/blind.json blind-unknown/blind.json --out docs/blind.json
 python -m hdagen.blind.rates docs/blind.json
 
-A combined file may be combined with further checks. Of a kind whose cases it does not hold, shares and means are
-counted together from their figures; a median and an error of calibration cannot be, and are those of whichever cases
-are more. How long a diagnosis takes is a matter of the version that ran, and told of the last check alone.
+A combined file may be combined with further checks. Of cases that it does not hold, shares and means are pooled from
+their figures. A median and an error of calibration cannot be pooled; those of the larger number of cases stand. The
+duration of a diagnosis depends on the version that ran, and is that of the last check alone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from hdagen.blind.bars import BARS
+from hdagen.blind.bars import BARS, Bar
 from hdagen.blind.blind_page import KINDS
 from hdagen.blind.figures import Figure, means_together, rates_together
 from hdagen.blind.score import Row, summary
@@ -37,17 +37,20 @@ KEPT = ("cases", "seconds", "version", "machine", "seal", "seed", "seed_hash")
 
 
 def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """By kind: the figures over all cases of its checks, what it takes to run each again, the cases (``rows``), and the
-    figures of those that are not there (``without_rows``). A report is that of a check, or what this returned.
-    ValueError where a seed stands twice, as its cases would count twice, or is one that the probabilities were
-    calibrated on."""
-    kinds: dict[str, list[Mapping[str, Any]]] = {}
-    for report in reports:
-        parts = {report["kind"]: _of_check(report)} if "kind" in report else report
-        for kind, part in parts.items():
-            kinds.setdefault(kind, []).append(part)
+    """Combine checks by kind.
+
+    Args:
+        reports: contents of blind.json, or of files that this function made.
+
+    Returns:
+        By kind: the figures over all cases, the data to run each check again (``checks``), the cases (``rows``), and
+        the figures of the cases that are missing there (``without_rows``).
+
+    Raises:
+        ValueError: a seed stands twice, so that its cases would count twice, or was used for the calibration.
+    """
     found = {}
-    for kind, parts_of in kinds.items():
+    for kind, parts_of in _parts_by_kind(reports).items():
         checks = [check for part in parts_of for check in part["checks"]]
         seeds = [check["seed"] for check in checks]
         if len(set(seeds)) < len(seeds):
@@ -55,9 +58,10 @@ def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         if tuned := [check["seed"] for check in checks if check["seed_hash"] in calibration.read().seeds]:
             raise ValueError(f"{kind}: the probabilities were calibrated on {', '.join(tuned)}; give other checks.")
         rows = [row for part in parts_of for row in part.get("rows", [])]
-        gone = [_figures(part["without_rows"] if "rows" in part else part["summary"]) for part in parts_of]
+        gone = [_figures_without_rows(part) for part in parts_of]
         before = _together([one for one in gone if one])
-        figures = _together([one for one in (before, summary([_row(row, kind) for row in rows])) if one])
+        scored = [_row(row, kind) for row in rows]
+        figures = _together([one for one in (before, summary(scored)) if one])
         if lasted := _lasted(parts_of[-1], kind):
             figures["seconds"] = lasted
         found[kind] = {
@@ -68,6 +72,25 @@ def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "rows": rows,
         }
     return found
+
+
+def _parts_by_kind(reports: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
+    """The parts of all reports that belong to each kind; the report of a check is one part."""
+    kinds: dict[str, list[Mapping[str, Any]]] = {}
+    for report in reports:
+        parts = report
+        if "kind" in report:
+            parts = {report["kind"]: _of_check(report)}
+        for kind, part in parts.items():
+            kinds.setdefault(kind, []).append(part)
+    return kinds
+
+
+def _figures_without_rows(part: Mapping[str, Any]) -> dict[str, Figure]:
+    """The figures of a part's cases that are not among its rows."""
+    if "rows" in part:
+        return _figures(part["without_rows"])
+    return _figures(part["summary"])
 
 
 def _of_check(report: Mapping[str, Any]) -> dict[str, Any]:
@@ -82,7 +105,7 @@ def _figures(stated: Mapping[str, Any]) -> dict[str, Figure]:
 
 
 def _lasted(part: Mapping[str, Any], kind: str) -> Figure | None:
-    """How long a diagnosis took in the last check of a part."""
+    """The duration of a diagnosis in the last check of a part."""
     if "summary" in part:
         return _figure(part["summary"].get("seconds"))
     return summary([_row(row, kind) for row in part["rows"]]).get("seconds")
@@ -105,34 +128,56 @@ def _together(parts: Sequence[Mapping[str, Figure]]) -> dict[str, Figure]:
 
 
 def _row(stated: Mapping[str, Any], kind: str) -> Row:
-    """A row of a ``kind`` as blind.json has it, which knows no NaN and no tuple."""
-    values: dict[str, Any] = {"kind": kind} | {key: tuple(v) if isinstance(v, list) else v for key, v in stated.items()}
+    """A row of a ``kind`` from blind.json, where lists stand for tuples and null for NaN."""
+    values: dict[str, Any] = {"kind": kind} | dict(stated)
+    for key, value in values.items():
+        if isinstance(value, list):
+            values[key] = tuple(value)
     return Row(**(values | {key: math.nan for key in NUMBERS if values.get(key) is None}))
 
 
 def table(checks: Mapping[str, Any]) -> str:
-    """A line for each bar of each kind, in the order of the bars, as Markdown."""
+    """Render the figures that have a bar.
+
+    Args:
+        checks: a combined file, by kind.
+
+    Returns:
+        A Markdown table with a line for each bar of each kind, in the order of the bars.
+    """
     lines = ["| measured on | cases | figure | bar | reached (95 % interval) | |", "|---|---|---|---|---|---|"]
     for kind, bars in BARS.items():
         if kind not in checks:
             continue
-        check = checks[kind]
         for bar in bars:
-            found = _figure(check["summary"].get(bar.figure))
-            if found is None:
-                continue
-            unit = f"{bar.value:g} s" if bar.figure == "seconds" else f"{100 * bar.value:g} %"
-            limit = f"{'at most' if bar.most else 'at least'} {unit}"
-            reached = said(bar.figure, found), "met" if bar.met(found) else "missed"
-            cells = (KINDS[kind], str(found.count), WORDS[bar.figure], limit, *reached)
-            lines.append(f"| {' | '.join(cells)} |")
+            found = _figure(checks[kind]["summary"].get(bar.figure))
+            if found is not None:
+                outcome = "met" if bar.met(found) else "missed"
+                cells = (
+                    KINDS[kind],
+                    str(found.count),
+                    WORDS[bar.figure],
+                    _describe_limit(bar),
+                    said(bar.figure, found),
+                    outcome,
+                )
+                lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
+
+
+def _describe_limit(bar: Bar) -> str:
+    """A bar in words."""
+    side = ("at least", "at most")[bar.most]
+    if bar.figure == "seconds":
+        return f"{side} {bar.value:g} s"
+    return f"{side} {100 * bar.value:g} %"
 
 
 def _figure(stated: Mapping[str, Any] | None) -> Figure | None:
     if stated is None or stated["value"] is None:
         return None
-    low, high = (math.nan if stated[key] is None else stated[key] for key in ("low", "high"))
+    ends = [stated[key] for key in ("low", "high")]
+    low, high = (math.nan if end is None else end for end in ends)
     return Figure(stated["value"], stated["count"], low, high)
 
 

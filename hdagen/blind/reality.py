@@ -1,10 +1,10 @@
 """A reality: MuJoCo moves rotors and links, hand-coded drives join them, a sampled controller moves the arm.
 
 MuJoCo has: the inertias and Coriolis torques of the links, gravity, set-valued dry friction (frictionloss), walls
-(contact of two geoms), payloads (a mass at the tip), the current loop's lag (an actuator with a filter). The rest is
-`hdagen.blind.drivetrain`. Both advance by the leapfrog scheme, 40 steps a sample: MuJoCo's semi-implicit Euler keeps
-speeds half a step behind angles, so that torques that depend on speed read it half a step ahead, and what jumps at a
-sample counts by half before and by half after.
+(contact of two geoms), payloads (a mass at the tip), the current loop's lag (an actuator with a filter). The rest
+stands in `hdagen.blind.drivetrain`. Both advance by the leapfrog scheme, 40 steps a sample. MuJoCo's semi-implicit
+Euler keeps speeds half a step behind angles; torques that depend on speed therefore read it half a step ahead. An input
+that jumps at a sample acts with its mean of before and after in the step around it.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from hdagen.blind.motion import Motion
 PERIOD = 1e-3  # s, of the controller and the log
 STEPS = 40  # a period
 STEP = PERIOD / STEPS
-MOST_CURRENT = 12.0  # A, that the controller asks for at most
+MOST_CURRENT = 12.0  # A, largest command of the controller
 BANDWIDTH = 55.0  # rad/s, of the position loop
 _ALMOST_ONE = 0.9999  # MuJoCo's hardest impedance: dry friction creeps by a millionth of the speed it stops
 _IMPEDANCE = 0.02  # of a wall: near 1 MuJoCo's contact has many times the arm's inertia
-_RADIUS = 0.01  # m, of what meets a wall
+_RADIUS = 0.01  # m, of the ball that meets a wall
 
 
 @dataclass(frozen=True)
 class World:
-    """What a reality is made of, SI. ``joints``: base parameters of each, keys of robot.toml's tables in one;
-    ``effects[j]``: parameters by effect of joint j (from 0); ``arm``: those named at 0; ``gravity`` in the plane."""
+    """The contents of a reality, SI. ``joints``: base parameters of each joint, the keys of robot.toml's tables in one;
+    ``effects[j]``: parameters by effect of joint j (from 0); ``arm``: effects of the whole arm; ``gravity`` in the
+    plane."""
 
     joints: Sequence[Mapping[str, float]]
     effects: Sequence[Mapping[str, Mapping[str, float]]]
@@ -43,15 +44,29 @@ class World:
 
 
 def simulate(world: World, nominal: Sequence[Mapping[str, float]], motion: Motion, noise: int) -> dict[str, np.ndarray]:
-    """The log of ``motion`` in ``world``, columns of docs/log.md.
+    """Simulate a motion.
 
-    ``nominal``: what the controller takes for true. ``noise``: seed of the sensors' noise.
+    Args:
+        world: the true arm, SI.
+        nominal: base parameters of each joint that the controller believes.
+        motion: reference and pushes.
+        noise: seed of the sensors' noise.
+
+    Returns:
+        The log: columns (T,) of docs/log.md by name.
     """
     return _Run(world, nominal, motion, noise).log()
 
 
 def tilted(world: World) -> tuple[float, float]:
-    """Gravity in the plane of a base that is not level, m/s²."""
+    """Compute gravity in the plane of a base that is not level.
+
+    Args:
+        world: the true arm; its effect "gravity_tilt" tilts the base.
+
+    Returns:
+        Gravity along x and y, m/s².
+    """
     x, y = world.gravity
     if "gravity_tilt" not in world.arm:
         return x, y
@@ -72,14 +87,14 @@ def _model(world: World) -> Any:
         f'<inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 {joint["motor_inertia"]!r}"/></body>'
         for j, joint in enumerate(world.joints)
     )
-    walls = [_wall(j, world) if "contact" in world.effects[j] else "" for j in range(2)]
-    payload = world.effects[1].get("payload")
-    load = (  # a body of its own: MuJoCo takes no mass from a geom where a body states its inertia
-        f'<body pos="{second["length"]!r} 0 0"><inertial pos="0 0 0" mass="{payload["mass"]!r}" '
-        'diaginertia="1e-9 1e-9 1e-9"/></body>'
-        if payload
-        else ""
-    )
+    walls = [_wall(j, world) for j in range(2)]
+    load = ""
+    if payload := world.effects[1].get("payload"):
+        # a body of its own: MuJoCo takes no mass from a geom where a body states its inertia
+        load = (
+            f'<body pos="{second["length"]!r} 0 0"><inertial pos="0 0 0" mass="{payload["mass"]!r}" '
+            'diaginertia="1e-9 1e-9 1e-9"/></body>'
+        )
     balls = [
         f'<geom name="ball{j}" type="sphere" size="{_RADIUS}" pos="{joint["length"]!r} 0 0" mass="0"/>'
         for j, joint in enumerate(world.joints)
@@ -89,11 +104,7 @@ def _model(world: World) -> Any:
         for j in range(2)
         if walls[j]
     )
-    actuators = "".join(
-        f'<general joint="rotor{j}" gainprm="1" biastype="none" '
-        + (f'dyntype="filterexact" dynprm="{lag["time"]!r}"/>' if lag else 'dyntype="none"/>')
-        for j, lag in enumerate(effects.get("current_loop_lag") for effects in world.effects)
-    )
+    actuators = "".join(_actuator_xml(j, world) for j in range(2))
     return mujoco.MjModel.from_xml_string(
         f"""<mujoco>
         <option timestep="{STEP}" integrator="Euler" gravity="{gx!r} {gy!r} 0" solver="Newton" tolerance="1e-12">
@@ -113,11 +124,24 @@ def _inertial(joint: Mapping[str, float]) -> str:
     return f'<inertial pos="{joint["center_of_mass"]!r} 0 0" {inertia}/>'
 
 
+def _actuator_xml(j: int, world: World) -> str:
+    """The motor of joint ``j``, which filters its current where the current loop lags."""
+    dynamics = 'dyntype="none"'
+    if lag := world.effects[j].get("current_loop_lag"):
+        dynamics = f'dyntype="filterexact" dynprm="{lag["time"]!r}"'
+    return f'<general joint="rotor{j}" gainprm="1" biastype="none" {dynamics}/>'
+
+
 def _wall(j: int, world: World) -> str:
-    """A box that the ball at the end of link ``j`` touches when the joint stands at the wall's angle."""
+    """A box that the ball at the end of link ``j`` touches when the joint stands at the wall's angle; empty without a
+    wall."""
+    if "contact" not in world.effects[j]:
+        return ""
     p, length = world.effects[j]["contact"], world.joints[j]["length"]
     half, away = 0.2, p["side"] * (_RADIUS + 0.2)
-    axis = world.joints[0]["length"] if j else 0.0  # the joint's, on the body that carries the wall
+    axis = 0.0  # place of the joint on the body that carries the wall
+    if j:
+        axis = world.joints[0]["length"]
     x = axis + length * math.cos(p["angle"]) - away * math.sin(p["angle"])
     y = length * math.sin(p["angle"]) + away * math.cos(p["angle"])
     turn = f"{math.cos(p['angle'] / 2)!r} 0 0 {math.sin(p['angle'] / 2)!r}"
@@ -151,8 +175,7 @@ class _Run:
         self._rest()
 
     def _stiffen_walls(self) -> None:
-        """A wall's stiffness at the joint and its damping ratio, as MuJoCo's contact has them at this impedance and
-        body weights."""
+        """Set the walls' stiffness and damping ratio, converted to MuJoCo's contact of this impedance and weight."""
         m = self.model
         for k in range(m.npair):
             j = int(m.geom(m.pair_geom1[k]).name[-1])
@@ -164,7 +187,7 @@ class _Run:
             m.pair_solref[k] = (-stiffness, -damping)
 
     def _rest(self) -> None:
-        """At rest at the motion's first point: the springs carry the links, friction and a held current the motors."""
+        """Start at rest at the motion's first point: springs hold the links, friction and current hold the motors."""
         q = [float(x) for x in self.motion.position[0]]
         x, v = self.data.qpos, self.data.qvel
         x[2:], v[:] = q, 0.0
@@ -183,7 +206,7 @@ class _Run:
                 self.data.act[sum(self.lagging[:j])] = self.commands[0][j]
 
     def log(self) -> dict[str, np.ndarray]:
-        """Simulate all of it."""
+        """Simulate the whole motion; return the log's columns by name."""
         rows = [self._sample(k) for k in range(len(self.motion.time))]
         columns: dict[str, np.ndarray] = {"time": self.motion.time}
         names = ("motor_current_command", "motor_current", "motor_position", "joint_position")
@@ -196,12 +219,13 @@ class _Run:
         return columns
 
     def _sample(self, k: int) -> list[tuple[float, ...]]:
-        """Row k, and the period after it."""
+        """Measure row k and simulate the period after it."""
         d = self.data
         row: list[tuple[float, float, float]] = []
         for j in (0, 1):
-            now = self.commands[0 if not self.delays[j] else int(self.delays[j] / PERIOD)][j]
-            current = float(d.act[sum(self.lagging[:j])]) if self.lagging[j] else now
+            current = self.commands[int(self.delays[j] / PERIOD)][j]
+            if self.lagging[j]:
+                current = float(d.act[sum(self.lagging[:j])])
             sensor = self.nominal[j]
             theta = _counted(float(d.qpos[j]), sensor["motor_encoder_resolution"])
             angle = _counted(self._joint_angle(j), sensor["joint_encoder_resolution"])
@@ -231,16 +255,17 @@ class _Run:
         return command
 
     def _acting(self, j: int, after: float) -> float:
-        """The current, A, that acts over the step about ``after`` s past the last sample, half a step either way."""
+        """The mean current, A, over the step whose middle is ``after`` s past the last sample."""
         if self.lagging[j] and not self.delays[j]:
-            return self.commands[0][j]  # MuJoCo's filter takes what is commanded from here on
+            return self.commands[0][j]  # MuJoCo's filter takes the newest command
         at = after - self.delays[j]
         age, low = -math.floor((at - 0.5 * STEP) / PERIOD), (at - 0.5 * STEP) % PERIOD
         old, new = self.commands[age][j], self.commands[max(age - 1, 0)][j]
-        share = min(max((low + STEP - PERIOD) / STEP, 0.0), 1.0)  # of the step that the newer command has
+        share = min(max((low + STEP - PERIOD) / STEP, 0.0), 1.0)  # of the step in which the newer command acts
         return old + share * (new - old)
 
     def _advance(self, k: int, force: list[float], before: list[float]) -> None:
+        """Simulate the period after row k under ``force`` on the tip, N; ``before`` acted until row k."""
         m, d = self.model, self.data
         applied, control, loss = d.qfrc_applied, d.ctrl, m.dof_frictionloss
         position, velocity = d.qpos, d.qvel
@@ -257,13 +282,15 @@ class _Run:
             motor2, level2, tau2 = second.torques(theta2, 1.5 * v2 - 0.5 * a2, q2, w4)
             a1, a2, a3, a4 = v1, v2, v3, v4
             for j in late:
-                self.seen[j].append(q2 if j else q1)
+                self.seen[j].append((q1, q2)[j])
             if loaded[0]:
                 tau1 += first.link_torque(q1, w3, q2, k * PERIOD + n * STEP)
             if loaded[1]:
                 tau2 += second.link_torque(q2, w4, q1, k * PERIOD + n * STEP)
             if pushed:
-                fx, fy = force if n else [0.5 * (old + new) for old, new in zip(before, force, strict=True)]
+                fx, fy = force
+                if n == 0:
+                    fx, fy = (0.5 * (old + new) for old, new in zip(before, force, strict=True))
                 add1, add2 = self._push(fx, fy, q1, q2)
                 tau1, tau2 = tau1 + add1, tau2 + add2
             applied[:] = (motor1, motor2, tau1, tau2)
@@ -273,19 +300,19 @@ class _Run:
         self.ahead = [a1, a2, a3, a4]
 
     def _currents(self, j: int) -> list[float]:
-        """The current, A, that each step of a period takes."""
+        """The current, A, in each step of a period."""
         if not self.delays[j]:
             return [self._acting(j, 0.0), *[self.commands[0][j]] * (STEPS - 1)]
         return [self._acting(j, n * STEP) for n in range(STEPS)]
 
     def _push(self, fx: float, fy: float, q1: float, q2: float) -> tuple[float, float]:
-        """Joint torques, N m, of a force on the tip."""
+        """Joint torques, N m, of a force on the tip, N."""
         l1, l2 = (joint["length"] for joint in self.world.joints)
         x2, y2 = l2 * math.cos(q1 + q2), l2 * math.sin(q1 + q2)
         return (x2 + l1 * math.cos(q1)) * fy - (y2 + l1 * math.sin(q1)) * fx, x2 * fy - y2 * fx
 
     def _joint_angle(self, j: int) -> float:
-        """What the joint's encoder shows, rad: read late, off its centre, zeroed at the home position."""
+        """The angle that the joint's encoder shows, rad: late, off its centre, zero at the home position."""
         q, seen, late = float(self.data.qpos[2 + j]), self.seen[j], self.late[j]
         if late and len(seen) > late:
             path = [*seen, q]
@@ -298,7 +325,7 @@ class _Run:
 
 
 def _off_centre(p: Mapping[str, float], q: float) -> float:
-    """Error of a disc off its centre, rad, by the exact triangle."""
+    """Error of a disc off its centre, rad, from the exact triangle."""
     angle = q + p["phase"]
     return math.atan2(p["share"] * math.sin(angle), 1.0 + p["share"] * math.cos(angle))
 

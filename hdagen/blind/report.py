@@ -1,9 +1,8 @@
-"""blind.json and the table in the terminal: everything that a check found, with the machine it ran on."""
+"""The report of a check, blind.json: every figure, every case, and the machine it ran on."""
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 from hdagen import __version__
 from hdagen.blind.bars import BARS, Bar
 from hdagen.blind.compared import Line, compare
-from hdagen.blind.figures import Figure, mean, median, rate
+from hdagen.blind.figures import Figure, finite_or_none, mean, median, rate
 from hdagen.blind.run import Check
 from hdagen.blind.score import Row, bins, confusion, single, summary
 from hdagen.blind.seal import Seal, seed_hash
@@ -24,7 +23,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class Report:
-    """A check, whole: what was asked, its seal, its rows, and what follows from them."""
+    """A finished check: the request, its seal, its rows, and the figures and comparisons that follow from them."""
 
     asked: Check
     seal: Seal
@@ -34,18 +33,34 @@ class Report:
 
     @property
     def bars(self) -> list[tuple[Bar, Figure, bool]]:
-        """The kind's bars whose figure exists, with it and whether it is met."""
+        """The kind's bars whose figure exists: each bar, its figure, and whether it is met."""
         known = [(bar, self.summary[bar.figure]) for bar in BARS[self.asked.kind] if bar.figure in self.summary]
         return [(bar, found, bar.met(found)) for bar, found in known]
 
 
 def report(asked: Check, seal: Seal, rows: Sequence[Row]) -> Report:
-    """The report of a check's rows."""
+    """Make the report of a check.
+
+    Args:
+        asked: the request.
+        seal: the seal that was verified.
+        rows: the scored cases.
+
+    Returns:
+        The report with all figures and comparisons.
+    """
     return Report(asked, seal, rows, summary(rows), compare(rows))
 
 
 def by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
-    """Figures of each true effect alone, in the table's order."""
+    """Compute figures of each true effect alone.
+
+    Args:
+        rows: cases of any kind.
+
+    Returns:
+        Figures by effect, in the order of `SIZES`: right "effect", "joint" and "place", "p_truth", and "snr".
+    """
     found = {}
     for name in SIZES:
         mine = [row for row in single(rows) if row.effect == name]
@@ -61,7 +76,14 @@ def by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
 
 
 def written(found: Report) -> str:
-    """blind.json."""
+    """Render blind.json.
+
+    Args:
+        found: the report of a check.
+
+    Returns:
+        The file's text.
+    """
     content = {
         "schema": SCHEMA,
         "kind": found.asked.kind,
@@ -72,17 +94,14 @@ def written(found: Report) -> str:
         "seal": found.seal.digest,
         "seed": found.asked.seed,
         "seed_hash": seed_hash(found.asked.seed),
-        "summary": {name: figure.json() for name, figure in found.summary.items()},
+        "summary": _figures_json(found.summary),
         "bars": [
-            {"figure": bar.figure, "value": bar.value, "at": "most" if bar.most else "least", "met": met}
+            {"figure": bar.figure, "value": bar.value, "at": ("least", "most")[bar.most], "met": met}
             for bar, _, met in found.bars
         ],
         "reliability": [{"said": said.json(), "right": right.json()} for said, right in bins(single(found.rows))],
         "confusion": confusion(found.rows),
-        "effects": {
-            name: {key: figure.json() for key, figure in figures.items()}
-            for name, figures in by_effect(found.rows).items()
-        },
+        "effects": {name: _figures_json(figures) for name, figures in by_effect(found.rows).items()},
         "parameters": [
             {
                 "effect": line.compared.effect,
@@ -94,13 +113,13 @@ def written(found: Report) -> str:
             }
             for line in found.lines
         ],
-        "rows": [{key: _plain(value) for key, value in asdict(row).items()} for row in found.rows],
+        "rows": [_row_json(row) for row in found.rows],
     }
     return json.dumps(content, indent=1) + "\n"
 
 
 def machine() -> dict[str, Any]:
-    """What it ran on."""
+    """Describe the machine that the check ran on."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
@@ -115,9 +134,17 @@ def _processor() -> str:
             names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
     except OSError:
         names = []
-    return names[0] if names else platform.processor()
+    return next(iter(names), platform.processor())
 
 
-def _plain(value: Any) -> Any:
-    """JSON has no NaN."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _figures_json(figures: Mapping[str, Figure]) -> dict[str, Any]:
+    return {name: figure.json() for name, figure in figures.items()}
+
+
+def _row_json(row: Row) -> dict[str, Any]:
+    """The fields of a row as JSON takes them: JSON has no NaN."""
+    fields = asdict(row)
+    for name, value in fields.items():
+        if isinstance(value, float):
+            fields[name] = finite_or_none(value)
+    return fields

@@ -1,10 +1,9 @@
-"""A check: cases are made, diagnosed by processes that know nothing, measured on held-out motion, and only then read
-against their labels."""
+"""A check: cases are made, diagnosed by processes that do not know the truth, measured on held-out motion, and only
+then scored against their labels."""
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import sys
 import threading
@@ -22,6 +21,7 @@ from hdagen import __version__
 from hdagen.blind import seal
 from hdagen.blind.cases import Case, Robot, cases
 from hdagen.blind.child import ChildError, ask, run
+from hdagen.blind.figures import finite_or_none
 from hdagen.blind.score import Row, judged
 from hdagen.input_file import InputFileError, read_json
 from hdagen.log import LogError, read
@@ -30,18 +30,18 @@ from hdagen.whole import is_part, write_whole
 HDAGEN = (sys.executable, "-P", "-m", "hdagen")
 MOST_SECONDS = 600.0  # of a diagnosis
 _LARGEST = 10_000_000  # bytes of a JSON file
-_TRUE = "true.json"  # what is true, beside a case whose diagnosis has ended
-_SMALLEST = 1e-3  # multiple of noise below which an error counts as this, as in docs/replay.md
+_TRUE = "true.json"  # the truth, beside a case whose diagnosis has ended
+_SMALLEST = 1e-3  # multiple of the noise; a smaller error counts as this, as in docs/replay.md
 
 
 class BlindError(Exception):
-    """A check that cannot be run; a sentence."""
+    """A check cannot be run; the message is a sentence."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What is asked for. ``seconds``: length of each log; ``out``: folder of the results; ``keep``: logs and pages of
-    the cases stay there; ``program``: what is run as ``hdagen`` (another one in tests)."""
+    """The request for a check. ``seconds``: length of each log; ``out``: folder of the results; ``keep``: logs and
+    pages of the cases stay there; ``program``: command that runs as ``hdagen`` (tests give another one)."""
 
     kind: str
     count: int
@@ -54,10 +54,19 @@ class Check:
 
 
 def check(asked: Check, said: Callable[[str], None]) -> tuple[list[Row], seal.Seal]:
-    """Run a check; returns its rows in the cases' order and the seal that was opened.
+    """Run a check; finished cases stay in ``out``/cases and are not run again with the same seed.
 
-    What is finished stays in ``out``/cases and is not done again when the same seed comes back. Raises BlindError,
-    ChildError where a case cannot be simulated, seal.SealError, KeyboardInterrupt.
+    Args:
+        asked: the request.
+        said: called with a sentence about the progress.
+
+    Returns:
+        The scored rows in the order of the cases, and the seal that was verified.
+
+    Raises:
+        BlindError: the folder holds another check, or a result cannot be read.
+        ChildError: a case could not be simulated.
+        seal.SealError: the labels changed between sealing and scoring.
     """
     drawn = cases(asked.seed, asked.kind, asked.count)
     labels = {case.name: case.label() for case in drawn}
@@ -74,7 +83,7 @@ def check(asked: Check, said: Callable[[str], None]) -> tuple[list[Row], seal.Se
 
 
 def _claim(asked: Check, closed: seal.Seal) -> None:
-    """The folder belongs to this check, or to nobody yet."""
+    """Make the folder this check's; raise BlindError where it holds anything else."""
     asked.out.mkdir(parents=True, exist_ok=True)
     path = asked.out / "seal.json"
     mine = {
@@ -101,7 +110,7 @@ def _claim(asked: Check, closed: seal.Seal) -> None:
 
 
 def _all(asked: Check, drawn: tuple[Case, ...], said: Callable[[str], None]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(name, what is true) of every case, as they end; at most ``jobs`` at once."""
+    """Yield name and truth of every case as it ends; at most ``jobs`` run at once."""
     stop, start = threading.Event(), time.monotonic()
     pool = ThreadPoolExecutor(asked.jobs)
     waiting: dict[Future[dict[str, Any]], str] = {
@@ -123,18 +132,20 @@ def _all(asked: Check, drawn: tuple[Case, ...], said: Callable[[str], None]) -> 
 
 
 def _clock(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min"
 
 
 def _one(asked: Check, index: int, case: Case, stop: threading.Event) -> dict[str, Any]:
-    """Make a case, have it diagnosed, measure the gap; returns what is true of it, which no file holds."""
+    """Make a case, have it diagnosed, and measure its gap; return its truth, which no file holds."""
     folder, builds = asked.out / "cases" / case.name, asked.out / "builds"
     if "HDAGEN_BUILD" in os.environ:
         builds = Path(os.environ["HDAGEN_BUILD"])
     folder.mkdir(parents=True, exist_ok=True)
     request = {"seed": asked.seed, "kind": case.kind, "index": index, "seconds": asked.seconds}
     log, held, true = folder / "log.parquet", folder / "hold_out.parquet", folder / _TRUE
-    true.unlink(missing_ok=True)  # what a kill left
+    true.unlink(missing_ok=True)  # a killed check may have left it
     truth = ask({**request, "motion": "log", "out": str(log.absolute())}, builds, stop)
     if not (folder / "result.json").exists():
         write_whole(folder / "robot.toml", case.robot.toml().encode())
@@ -156,7 +167,7 @@ def _one(asked: Check, index: int, case: Case, stop: threading.Event) -> dict[st
 
 
 def _diagnosed(asked: Check, folder: Path, builds: Path, stop: threading.Event) -> dict[str, Any]:
-    """Seconds that the diagnosis took; raises ChildError where it leaves no diagnosis.json."""
+    """Diagnose a case; return duration and exit code. Raises ChildError where no diagnosis.json is left."""
     command = [*asked.program, "diagnose", "robot.toml", "log.parquet", "--out", "out"]
     ended = run(command, folder, builds, stop, MOST_SECONDS)
     if not (folder / "out" / "diagnosis.json").is_file():
@@ -165,15 +176,14 @@ def _diagnosed(asked: Check, folder: Path, builds: Path, stop: threading.Event) 
 
 
 def _gaps(asked: Check, folder: Path, case: Case, builds: Path, stop: threading.Event) -> dict[str, Any]:
-    """The replay's gap on the hold-out, before and after the diagnosis, and with what is true where it can be said."""
+    """The replay's gap on the hold-out before and after the diagnosis, and with the truth where a file can state it."""
     found: dict[str, Any] = {}
-    diagnoses = {"before": "", "after": "out/diagnosis.json"}
+    options = {"before": [], "after": ["--with", "out/diagnosis.json"]}
     if (true := case.true_set()) is not None:
         write_whole(folder / _TRUE, json.dumps(true).encode())
-        diagnoses["after_true"] = _TRUE
+        options["after_true"] = ["--with", _TRUE]
     try:
-        for name, diagnosis in diagnoses.items():
-            more = ["--with", diagnosis] if diagnosis else []
+        for name, more in options.items():
             command = [*asked.program, "replay", "robot.toml", "hold_out.parquet", *more, "--out", f"{name}.parquet"]
             ended = run(command, folder, builds, stop, MOST_SECONDS)
             if ended.code:
@@ -182,14 +192,27 @@ def _gaps(asked: Check, folder: Path, case: Case, builds: Path, stop: threading.
                 value = gap(folder / f"{name}.parquet", folder / "hold_out.parquet", case.robot)
             except (LogError, KeyError) as error:
                 raise ChildError(f"what replay wrote cannot be read: {error}") from None
-            found[name] = value if math.isfinite(value) else None
+            found[name] = finite_or_none(value)
     finally:
         (folder / _TRUE).unlink(missing_ok=True)
     return found
 
 
 def gap(predicted: Path, measured: Path, robot: Robot) -> float:
-    """Root mean square error of each channel in multiples of its noise, joined as a geometric mean."""
+    """Measure the gap between a replay and its log.
+
+    Args:
+        predicted: the log that `hdagen replay` wrote.
+        measured: the log of the same motion.
+        robot: states the noise of each channel that counts.
+
+    Returns:
+        The rms error of each channel in multiples of its noise, as a geometric mean over the channels.
+
+    Raises:
+        LogError: one of the logs cannot be read.
+        KeyError: a channel is missing.
+    """
     a, b = read(predicted), read(measured)
     rows = min(len(a), len(b))
     errors = [

@@ -1,4 +1,4 @@
-"""Labels closed before a check and opened after it: a hash of them and of a nonce, both from the seed."""
+"""Labels sealed before a check and verified after it, by a hash of them and of a nonce that the seed decides."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class SealError(Exception):
-    """Labels that are not those that were sealed."""
+    """The labels differ from the sealed ones."""
 
 
 @dataclass(frozen=True)
@@ -22,14 +22,31 @@ class Seal:
 
 
 def close(labels: Mapping[str, Any], seed: str) -> Seal:
-    """The seal of ``labels``; the same labels and seed give the same, so that an interrupted check can go on."""
+    """Seal labels; equal labels and seeds give equal seals, so that an interrupted check can go on.
+
+    Args:
+        labels: the label of each case, by the case's name; JSON values.
+        seed: the seed of the check, which decides the nonce.
+
+    Returns:
+        The hash of nonce and labels, and how many labels there are.
+    """
     nonce = hashlib.sha256(f"nonce\0{seed}".encode()).hexdigest()
     text = json.dumps(labels, sort_keys=True, separators=(",", ":"))
     return Seal(hashlib.sha256(f"{nonce}\n{text}".encode()).hexdigest(), len(labels))
 
 
 def open_(labels: Mapping[str, Any], seed: str, seal: Seal) -> None:
-    """Nothing where ``labels`` are what ``seal`` closed; raises SealError."""
+    """Verify that labels are the sealed ones.
+
+    Args:
+        labels: the label of each case, by the case's name.
+        seed: the seed of the check.
+        seal: the seal that `close` made before the check.
+
+    Raises:
+        SealError: the labels or the seed differ from the sealed ones.
+    """
     found = close(labels, seed)
     if found != seal:
         raise SealError(
@@ -39,5 +56,12 @@ def open_(labels: Mapping[str, Any], seed: str, seal: Seal) -> None:
 
 
 def seed_hash(seed: str) -> str:
-    """SHA-256 by which a seed can be recognised without being told."""
+    """Hash a seed, so that it can be recognised without being revealed.
+
+    Args:
+        seed: the seed of a check.
+
+    Returns:
+        SHA-256, hexadecimal.
+    """
     return hashlib.sha256(f"seed\0{seed}".encode()).hexdigest()

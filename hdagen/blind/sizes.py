@@ -1,6 +1,6 @@
-"""The effects that a reality may have: place, typical size with its source, and how the rest of each is drawn.
+"""The effects of a reality: the place of each, its typical size with the source, and the draw of its parameters.
 
-A named effect has 0.5 to 1.5 times its typical size, one of the background 0.04 times. The formulas stand in
+A true effect has 0.5 to 1.5 times its typical size, an effect of the background 0.04 times. The formulas stand in
 `hdagen.blind.drivetrain` and `hdagen.blind.reality`.
 """
 
@@ -22,8 +22,8 @@ Draw = Callable[[float, np.random.Generator, Mapping[str, float]], Parameters]
 class Size:
     """An effect's ``place``, ``typical`` size in ``unit``, and the ``source`` of that size.
 
-    ``draw``: (amount, in ``unit``; generator; base parameters of the joint, and what the motion reaches there) -> the
-    effect's parameters. ``joints``: "each", "last" or "arm" (named at 0).
+    ``draw``: (amount, in ``unit``; generator; base parameters of the joint and limits of its motion) -> the effect's
+    parameters. ``joints``: "each", "last" or "arm" (joint 0).
     """
 
     place: str
@@ -64,7 +64,7 @@ def _presliding(amount: float, rng: np.random.Generator, base: Mapping[str, floa
 
 
 def _thermal(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    """``drop`` at the temperature that 3 W would settle at; ``time`` constant, s, of the lubricant's heat balance."""
+    """``drop`` at the temperature that 3 W settle at; ``time`` constant, s, of the lubricant's heat balance."""
     return {"drop": amount, "time": log_uniform(rng, 2.0, 8.0), "power": 3.0}
 
 
@@ -90,8 +90,8 @@ def _bias(amount: float, rng: np.random.Generator, base: Mapping[str, float]) ->
 
 
 def _saturation(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
-    """The limit falls with the size from the largest command of the same reality without it, ``peak``: size 0.5 takes
-    the top eighth, 1.5 the upper half, and in the background it is not reached."""
+    """A limit below ``peak``, the largest command of the same reality without it: size 0.5 cuts the top eighth, size
+    1.5 the upper half, and in the background the limit is not reached."""
     return {"limit": base["peak"] / math.sqrt(amount)}
 
 
@@ -145,12 +145,12 @@ def _cable(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -
     return {"stiffness": amount, "rest": float(rng.uniform(-0.3, 0.3))}
 
 
-_FREE = 0.2  # of the reach to a wall, at least
+_FREE = 0.2  # smallest distance to a wall, as a share of the reach
 
 
 def _contact(amount: float, rng: np.random.Generator, base: Mapping[str, float]) -> Parameters:
     """A wall inside the reach of the motion, ``lowest`` … ``highest``; deeper and stiffer with size. The arm begins at
-    0, never in it."""
+    0, outside the wall."""
     side, reach = _sign(rng), {1.0: base["highest"], -1.0: -base["lowest"]}
     if reach[side] <= amount:
         side = -side
@@ -255,13 +255,21 @@ SIZES: dict[str, Size] = {
     "sensor_delay": Size("sensor", 2e-3, "s", "two cycles of a 1 kHz bus", _sensor_delay),
 }
 
-WHOLE = ("contact",)  # in no background: a twentieth of a wall is a wall
+WHOLE = ("contact",)  # never in the background: the smallest wall stops the arm as well
 UNKNOWN_KINDS = ("product", "vibration", "hysteretic_cubic", "detent")
-UNKNOWN_TYPICAL = 1.5  # N m at the joint: about the torque that hysteresis of the gear has
+UNKNOWN_TYPICAL = 1.5  # N m at the joint: about the torque of the gear's hysteresis
 
 
 def unknown(size: float, rng: np.random.Generator) -> Parameters:
-    """A torque at a joint that no effect of the table describes; ``kind`` counts in UNKNOWN_KINDS."""
+    """Draw a torque at a joint that no effect of the table describes.
+
+    Args:
+        size: multiple of `UNKNOWN_TYPICAL`.
+        rng: the random generator.
+
+    Returns:
+        Parameters of all kinds, SI; ``kind`` is an index of `UNKNOWN_KINDS`.
+    """
     torque = UNKNOWN_TYPICAL * size
     return {
         "kind": float(rng.integers(len(UNKNOWN_KINDS))),

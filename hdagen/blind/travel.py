@@ -1,4 +1,4 @@
-"""Motions of joints made of sines, and the torques that the links of a robot file need for them, written out.
+"""Motions of rigid joints made of sines, and the torques that move the links of a robot file along them.
 
 Legend: T instants, J joints, one or two.
 """
@@ -13,14 +13,14 @@ import numpy as np
 
 PERIOD = 1e-3  # s
 _SINES = (0.12, 2.0)  # Hz, from slow sweeps over the range to quick reversals
-_COUNT = 7
-_REACH = 1.4  # rad either way, seldom passed
+_COUNT = 7  # number of sines
+_REACH = 1.4  # rad to either side, seldom passed
 _START = 1.0  # s, from rest into the motion
 
 
 @dataclass(frozen=True, eq=False)
 class Travel:
-    """``time`` (T,) s; ``position`` (T, J) rad, ``velocity`` rad/s and ``acceleration`` rad/s² of the reference."""
+    """A reference: ``time`` (T,) s; ``position`` (T, J) rad, ``velocity`` rad/s and ``acceleration`` rad/s²."""
 
     time: np.ndarray
     position: np.ndarray
@@ -29,8 +29,16 @@ class Travel:
 
 
 def travel(rng: np.random.Generator, speeds: Sequence[float], seconds: float) -> Travel:
-    """Sines of about equal speed from rest at 0, which seldom pass ``speeds`` rad/s, by joint, and the reach; more
-    ``seconds`` change nothing of what comes before."""
+    """Draw sines of about equal speed that start from rest at 0; a longer motion begins with the shorter one.
+
+    Args:
+        rng: the random generator.
+        speeds: speed of each joint that its motion seldom passes, rad/s.
+        seconds: length of the motion, s.
+
+    Returns:
+        The reference of all joints, with a row every `PERIOD`.
+    """
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     ramp = np.clip(time / _START, 0.0, 1.0)
     window = ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
@@ -40,7 +48,7 @@ def travel(rng: np.random.Generator, speeds: Sequence[float], seconds: float) ->
         pulsation = 2.0 * math.pi * frequencies
         amplitudes = rng.uniform(0.5, 1.0, _COUNT) / pulsation
         phases = rng.uniform(0.0, 2.0 * math.pi, _COUNT)
-        # crests of sines of no common period meet at some time: twice their root sum of squares is seldom passed
+        # sines without a common period seldom pass twice the root of their mean square
         fast = 2.0 * math.sqrt(float(np.sum((amplitudes * pulsation) ** 2)) / 2.0)
         far = 2.0 * math.sqrt(float(np.sum(amplitudes**2)) / 2.0)
         amplitudes *= min(speed / fast, _REACH / far)
@@ -56,8 +64,18 @@ def link_torques(
     v: np.ndarray,
     a: np.ndarray,
 ) -> np.ndarray:
-    """Torques (T, J), N m, at the joints that move links and rotors along ``q``, ``v`` and ``a`` (T, J), without
-    friction."""
+    """Compute the torques that move links and rotors along a motion, without friction.
+
+    Args:
+        joints: base parameters of one or two joints, SI.
+        gravity: gravity along x and y, m/s².
+        q: joint angles (T, J), rad.
+        v: joint speeds (T, J), rad/s.
+        a: joint accelerations (T, J), rad/s².
+
+    Returns:
+        Torques at the joints (T, J), N m.
+    """
     gx, gy = gravity
     outer = joints[-1]
     own = outer["mass"] * outer["center_of_mass"]

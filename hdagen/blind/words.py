@@ -35,13 +35,22 @@ WORDS = {
     "seconds": "seconds a diagnosis, median",
     "failed": "failed",
 }
-_PLAIN = ("brier", "seconds")  # not shares
+_PLAIN = {"brier": "", "seconds": " s"}  # units of the figures that are not shares
 
 
 def said(name: str, figure: Figure) -> str:
-    """The value and its interval, as a share in % where it is one."""
-    percent = name not in _PLAIN
-    scale, unit = (100.0, " %") if percent else (1.0, " s" if name == "seconds" else "")
+    """Format a figure with its interval.
+
+    Args:
+        name: key of `WORDS`; it decides the unit.
+        figure: value and 95 % interval; a share lies between 0 and 1.
+
+    Returns:
+        Value, unit and interval in words; a share in %, the duration of a diagnosis in s.
+    """
+    scale, unit = 100.0, " %"
+    if name in _PLAIN:
+        scale, unit = 1.0, _PLAIN[name]
     value = f"{scale * figure.value:.3g}{unit}"
     if not (math.isfinite(figure.low) and math.isfinite(figure.high)):
         return value

@@ -1,4 +1,4 @@
-"""Cases written to disk with their labels beside them, for developing a diagnosis: not sealed, not a check."""
+"""Cases written to disk beside their labels, for developing a diagnosis: they are not sealed and no check."""
 
 from __future__ import annotations
 
@@ -14,8 +14,23 @@ from hdagen.whole import write_whole
 
 
 def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float, said: Callable[[str], None]) -> Path:
-    """``out``/``kind``/case-000 … with robot.toml, log.parquet and hold_out.parquet, and labels.json; returns its
-    folder."""
+    """Write cases with their logs and labels.
+
+    Args:
+        out: folder of all kinds.
+        kind: one of `hdagen.blind.KINDS`.
+        count: how many cases.
+        seed: the seed that the cases are drawn from.
+        jobs: how many cases are made at the same time.
+        seconds: length of each log, s.
+        said: called with a sentence about the progress.
+
+    Returns:
+        The folder ``out``/``kind``: case-000 … with robot.toml, log.parquet and hold_out.parquet, and labels.json.
+
+    Raises:
+        ChildError: a case could not be simulated.
+    """
     folder = out / kind
     folder.mkdir(parents=True, exist_ok=True)
     drawn, stop = cases(seed, kind, count), threading.Event()

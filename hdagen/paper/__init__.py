@@ -1,5 +1,5 @@
-"""The paper's tables and figures on its virtual prototype, each with what the paper says of it and what comes out here.
+"""The paper's tables and figures on its virtual prototype: each claim of the paper beside the result here.
 
-``listed`` names them, ``prototype`` is the machine and how it is driven, ``result`` what a figure holds, ``store`` its
-files; one module a group of figures.
+``listed`` has the list of all figures, ``prototype`` the machine and its runs, ``result`` the content of a figure,
+``store`` its files. Each group of figures has a module of its own.
 """

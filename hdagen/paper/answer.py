@@ -1,4 +1,4 @@
-"""How a pushed tip answers: settling time, overshoot and largest displacement, from the arm and from the ideal mass,
+"""The response of a pushed tip: settling time, overshoot and largest displacement, of the arm and of the ideal mass,
 damper and spring."""
 
 from __future__ import annotations
@@ -10,16 +10,25 @@ import numpy as np
 from hdagen.plant import Array
 from hdagen.simulation import Push
 
-BAND = 0.1  # of the largest displacement: within it the tip is settled
-WINDOW = 2.0  # s after the push in which it is looked at
+BAND = 0.1  # share of the largest displacement within which the tip is settled
+WINDOW = 2.0  # s after the push in which the tip has to settle
 MEASURES = ("settling", "overshoot", "largest")
 LOST = 0.5  # m: farther off, the arm is no longer under control
 
 
 def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
-    """(W, axes, 3) from displacements ``moved`` (T, W, 2, m): along each push the settling time after it, s (NaN where
-    it does not settle within WINDOW), how far the tip swings past its path as a share of the largest displacement, and
-    that, m. NaN where the arm was lost."""
+    """Measure the responses to pushes.
+
+    Args:
+        moved: displacements of the tip from its path (T, W, 2), m, of W runs.
+        pushes: the pushes, one along each axis.
+        period: time between rows, s.
+
+    Returns:
+        `MEASURES` along each push (W, axes, 3): the settling time after it, s (NaN where the tip does not settle within
+        WINDOW); the swing past the path as a share of the largest displacement; the largest displacement, m. NaN where
+        the arm was lost.
+    """
     found = []
     for push in pushes:
         axis = int(np.argmax(np.abs(push.force)))
@@ -38,8 +47,17 @@ def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
 
 
 def ideally(sets: Array, pushes: Sequence[Push], seconds: float, period: float) -> Array:
-    """Displacement (T, W, 2, m) of M ẍ + B ẋ + K x = F for ``sets`` (W, 3) of M, B, K, exact from row to row with the
-    force held."""
+    """Simulate M ẍ + B ẋ + K x = F, exact from row to row with the force held.
+
+    Args:
+        sets: M, kg, B, N s/m, and K, N/m, of W runs (W, 3).
+        pushes: the pushes, which make F.
+        seconds: length of the run, s.
+        period: time between rows, s.
+
+    Returns:
+        Displacement x (T, W, 2), m.
+    """
     mass, damping, stiffness = sets.T
     count, T = len(sets), round(seconds / period)
     force = np.zeros((T, 2))
@@ -65,5 +83,14 @@ def ideally(sets: Array, pushes: Sequence[Push], seconds: float, period: float) 
 
 
 def damping_ratio(mass: Array, damping: Array, stiffness: Array) -> Array:
-    """B / (2 √(K M))."""
+    """Compute B / (2 √(K M)).
+
+    Args:
+        mass: M, kg.
+        damping: B, N s/m, of the same shape.
+        stiffness: K, N/m, of the same shape.
+
+    Returns:
+        Damping ratio, of the same shape.
+    """
     return damping / (2 * np.sqrt(stiffness * mass))

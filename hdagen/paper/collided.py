@@ -1,7 +1,7 @@
-"""Runs against the bottle, and the numbers that Figs. 18 to 21 and Table V show of them.
+"""Runs against the bottle, and their numbers for Figs. 18 to 21 and Table V.
 
 The published sets stand beside sets with the same intent (from 1 to 3 a smaller K and a larger B) that make physical
-sense, the same for both controllers, so that what differs between these comes from the controllers.
+sense. These are the same for both controllers, so that every difference comes from the controllers.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 from hdagen.paper.bottle import FRICTION, GRAVITY, MASS, RADIUS, STIFFNESS, Bottle
 from hdagen.paper.prototype import CENTER, PERIOD, TURN, Bench
 from hdagen.paper.prototype import RADIUS as CIRCLE
-from hdagen.paper.tracking import Tracked, tracked
+from hdagen.paper.tracking_runs import Tracked, tracked
 from hdagen.plant import Array
 
 SECONDS = 2 * TURN
-DEEP = 0.015  # m that the circle runs through the bottle, assumed: at the circle's top
+DEEP = 0.015  # m, assumed: depth of the circle's top inside the bottle
 PLACE = (CENTER[0], CENTER[1] + CIRCLE + RADIUS - DEEP)
 TABLE_5 = {  # kg, N s/m, N/m; the impedance masses are grams as Table V prints them, see the errata
     "admittance": ((500.0, 0.5, 100.0), (500.0, 1.0, 10.0), (500.0, 2.0, 1.0)),
     "impedance": ((1e-3, 1e-10, 1e-5), (1.5e-3, 1e-7, 1e-12), (2e-3, 1e-4, 1e-22)),
 }
 SENSIBLE = ((2.0, 45.0, 2000.0), (2.0, 60.0, 700.0), (2.0, 90.0, 250.0))
-FAST = 5.0  # Hz: what is faster than the motion counts as vibration
+FAST = 5.0  # Hz from which a displacement counts as vibration: the motion is slower
 BY_B, BY_K = (20.0, 45.0, 90.0, 180.0), (250.0, 700.0, 2000.0, 4000.0)
 
 
@@ -40,13 +40,13 @@ class Collided:
 
     @property
     def pushed_back(self) -> float:
-        """How far the bottle keeps the tip off its path at most, m."""
+        """Largest distance of the tip from its path while it touches the bottle, m."""
         touching = self.depth > 0
-        return float(np.linalg.norm(self.run.off[touching], axis=1).max()) if touching.any() else 0.0
+        return float(np.linalg.norm(self.run.off[touching], axis=1).max(initial=0.0))
 
     @property
     def vibration(self) -> float:
-        """rms of what is faster than FAST in the tip's distance from its path, from the first touch on, m."""
+        """rms of the tip's path error above FAST, in the 2 s from the first touch on, m."""
         from scipy.signal import butter, sosfiltfilt
 
         touching = np.flatnonzero(self.depth > 0)
@@ -57,7 +57,7 @@ class Collided:
         return float(np.sqrt(np.mean(np.sum(fast**2, axis=1))))
 
     def numbers(self) -> dict[str, float | None]:
-        """Contact force, energy, clearance and the rest, SI."""
+        """Collect the run's numbers, SI: contact force, energy, clearance, vibration."""
         size = np.linalg.norm(self.force, axis=1)
         step = np.diff(self.run.simulation.tip, axis=0)
         work = -np.sum(self.force[:-1] * step)
@@ -79,7 +79,20 @@ def collided(
     friction: float = FRICTION,
     seed: int = 1,
 ) -> Collided:
-    """Two circles, the bottle in the way of the first."""
+    """Run two circles with the bottle in the way of the first.
+
+    Args:
+        bench: arms and shared runs.
+        law: "impedance", "admittance" or "predictive".
+        mbk: M, kg, B, N s/m, K, N/m.
+        fine: encoders of 4096 counts in place of Hall sensors.
+        stiffness: of the bottle, N/m.
+        friction: friction coefficient of the bottle on the table.
+        seed: of the sensors' noise.
+
+    Returns:
+        The run; each is simulated once a bench.
+    """
 
     def make() -> Collided:
         world = Bottle(PLACE, stiffness=stiffness, friction=friction)
@@ -90,21 +103,50 @@ def collided(
 
 
 def sets(bench: Bench, law: str, published: bool = False) -> list[Collided]:
-    """The three sets of a law."""
-    return [collided(bench, law, mbk) for mbk in (TABLE_5[law] if published else SENSIBLE)]
+    """Run the three sets of a law.
+
+    Args:
+        bench: arms and shared runs.
+        law: "impedance", "admittance" or "predictive".
+        published: the sets of Table V in place of SENSIBLE.
+
+    Returns:
+        Three runs, in the order of the sets.
+    """
+    chosen = TABLE_5[law] if published else SENSIBLE
+    return [collided(bench, law, mbk) for mbk in chosen]
 
 
 def farther(bench: Bench, fine: bool, seed: int) -> list[float]:
-    """By how much admittance control yields more than impedance control, set by set, m."""
-    impedance, admittance = (
-        [collided(bench, law, mbk, fine, seed=seed).pushed_back for mbk in SENSIBLE]
-        for law in ("impedance", "admittance")
-    )
+    """Compare the largest push-back of both laws.
+
+    Args:
+        bench: arms and shared runs.
+        fine: encoders of 4096 counts in place of Hall sensors.
+        seed: of the sensors' noise.
+
+    Returns:
+        Push-back of admittance control less that of impedance control, for each of SENSIBLE, m.
+    """
+
+    def pushed_back(law: str, mbk: tuple[float, float, float]) -> float:
+        return collided(bench, law, mbk, fine, seed=seed).pushed_back
+
+    impedance = [pushed_back("impedance", mbk) for mbk in SENSIBLE]
+    admittance = [pushed_back("admittance", mbk) for mbk in SENSIBLE]
     return [theirs - ours for ours, theirs in zip(impedance, admittance, strict=True)]
 
 
 def vibrations(bench: Bench, law: str) -> dict[str, list[float]]:
-    """Vibration by B at the second set's K, and by K at its B, m rms."""
+    """Measure the vibration against B and against K.
+
+    Args:
+        bench: arms and shared runs.
+        law: "impedance" or "admittance".
+
+    Returns:
+        m rms: "B" for each of BY_B at the second set's K, "K" for each of BY_K at its B.
+    """
     M, B, K = SENSIBLE[1]
     return {
         "B": [collided(bench, law, (M, b, K)).vibration for b in BY_B],
@@ -113,8 +155,15 @@ def vibrations(bench: Bench, law: str) -> dict[str, list[float]]:
 
 
 def starts(bench: Bench) -> dict[str, tuple[float, float]]:
-    """Largest error in x (m) in the first second and in the four after it, impedance control without the bottle, of the
-    controller as the paper has it, without a disturbance observer, with and without dry friction, and with one."""
+    """Measure the start of impedance control without the bottle.
+
+    Args:
+        bench: arms and shared runs.
+
+    Returns:
+        Largest error in x, m, in the first second and in the four after it: of the paper's controller, which has no
+        disturbance observer, with and without dry friction, and of a controller with an observer.
+    """
     none = {"coulomb_friction_1": 0.0, "coulomb_friction_2": 0.0}
     blind = {"observer_bandwidth": 0.0}
     tried = {"no observer": ({}, blind), "no observer, no dry friction": (none, blind), "with the observer": ({}, {})}

@@ -30,7 +30,7 @@ SEEDS = (1, 2)  # of the sensors' noise
 
 
 def fig18(bench: Bench) -> Result:
-    """The set-up, the bottle's path, force and clearance."""
+    """Make Fig. 18: the set-up, the bottle's path, force and clearance."""
     runs = sets(bench, "admittance")
     predictive = collided(bench, "predictive", SENSIBLE[1])
     parts = [
@@ -109,6 +109,7 @@ def _trajectories(bench: Bench, name: str, law: str) -> Result:
     for words, runs in found.items():
         for axis, letter in enumerate("xy"):
             time = runs[0].run.log.time
+            label = f"{words}{letter}"
             curves = [
                 Curve("trajectory input", time, runs[0].run.path[:, axis], color="grey", dash="dashed", width=1.0)
             ]
@@ -117,9 +118,9 @@ def _trajectories(bench: Bench, name: str, law: str) -> Result:
                 for k, (one, width) in enumerate(zip(runs, (2.6, 1.9, 1.2), strict=True))
             ]
             if not words:
+                label = f"({'ab'[axis]}) {letter}-direction"
                 tip = predictive.run.simulation.tip[:, axis]
                 curves.append(Curve("predictive, MBK2", time, tip, color="ink", dash="dotted", width=1.2))
-            label = f"({'ab'[axis]}) {letter}-direction" if not words else f"{words}{letter}"
             parts.append(Axes(label, "time (s)", f"{letter} (m)", curves))
     numbers: dict[str, object] = {
         "sensible": [one.numbers() for one in found[""]],
@@ -132,17 +133,14 @@ def _trajectories(bench: Bench, name: str, law: str) -> Result:
     numbers["vibration"] = vibrations(bench, law)
     if law == "impedance":
         numbers["start"] = starts(bench)
-    logs = {
-        f"{'table5_' if words else ''}set{k}": one.run.log
-        for words, runs in found.items()
-        for k, one in enumerate(runs, 1)
-    }
+    logs = {f"set{k}": one.run.log for k, one in enumerate(found[""], 1)}
+    logs |= {f"table5_set{k}": one.run.log for k, one in enumerate(found["Table V, "], 1)}
     logs["predictive_set2"] = predictive.run.log
     return Result(name, f"Collision, {law} control", text, parts, _claims(law, bench), numbers, 2, logs=logs)
 
 
 def _seen(one: Collided) -> Array:
-    """The tip until the arm was lost."""
+    """The tip until the guard stopped the arm."""
     tip = one.run.simulation.tip.copy()
     if one.run.lost is not None:
         tip[one.run.log.time > one.run.lost] = np.nan
@@ -150,12 +148,12 @@ def _seen(one: Collided) -> Array:
 
 
 def fig19(bench: Bench) -> Result:
-    """Admittance control."""
+    """Make Fig. 19: admittance control against the bottle."""
     return _trajectories(bench, "fig19", "admittance")
 
 
 def fig20(bench: Bench) -> Result:
-    """Impedance control."""
+    """Make Fig. 20: impedance control against the bottle."""
     return _trajectories(bench, "fig20", "impedance")
 
 
@@ -164,13 +162,12 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
     back = [1e3 * one.pushed_back for one in runs]
     by = vibrations(bench, law)
     falls_with_b = bool(np.all(np.diff(by["B"]) < 0))
-    lost = [
-        f"set {k + 1} stopped at {one.run.lost:.2f} s"
-        if one.run.lost is not None
-        else f"set {k + 1} {1e3 * one.pushed_back:.1f} mm"
-        for k, one in enumerate(published)
-    ]
-    shown = {letter: " / ".join(f"{1e6 * v:.0f}" for v in values) for letter, values in by.items()}
+    lost = [f"set {k} {_describe_outcome(one)}" for k, one in enumerate(published, 1)]
+    shown = {letter: _in_micrometres(values) for letter, values in by.items()}
+    reasons = {
+        "impedance": "grams without springs are thrown by the sensor's noise",
+        "admittance": "500 kg hardly notice a bottle, which is shoved out of the way",
+    }
     claims = [
         Claim(
             "controller 3, of the least K and the largest B, exhibits the highest compliance",
@@ -190,7 +187,7 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
         ),
         Claim(
             "as the compliance increases, the vibration becomes more significant (of Fig. 19 and 20)",
-            f"sets 1 to 3: {' / '.join(f'{1e6 * one.vibration:.0f}' for one in runs)} µm rms",
+            f"sets 1 to 3: {_in_micrometres([one.vibration for one in runs])} µm rms",
             bool(runs[2].vibration > runs[0].vibration),
             "the paper says both this and the opposite; with B raised as K falls the damping grows",
         ),
@@ -198,9 +195,7 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
             "the published sets of Table V",
             "; ".join(lost),
             None,
-            "grams without springs are thrown by the sensor's noise"
-            if law == "impedance"
-            else "500 kg hardly notice a bottle, which is shoved out of the way",
+            reasons[law],
         ),
     ]
     if law == "impedance":
@@ -209,11 +204,28 @@ def _claims(law: str, bench: Bench) -> list[Claim]:
     return claims
 
 
+def _describe_outcome(one: Collided) -> str:
+    """The largest distance from the path, or the time at which the guard stopped the arm, in words."""
+    if one.run.lost is None:
+        return f"{1e3 * one.pushed_back:.1f} mm"
+    return f"stopped at {one.run.lost:.2f} s"
+
+
+def _in_micrometres(values: Sequence[float]) -> str:
+    """Values, m, in µm."""
+    return " / ".join(f"{1e6 * value:.0f}" for value in values)
+
+
+def _in_millimetres(values: Sequence[float], form: str) -> str:
+    """Values, m, in mm with a number format."""
+    return " / ".join(format(1e3 * value, form) for value in values)
+
+
 def _less(bench: Bench) -> Claim:
-    """Whether impedance control yields less, with other noise and other encoders too."""
+    """Claim that impedance control yields less, with other noise and other encoders too."""
     found = {f"noise {seed}": farther(bench, False, seed) for seed in SEEDS} | {"4096 counts": farther(bench, True, 1)}
     most = max(one.pushed_back for one in sets(bench, "impedance"))
-    words = "; ".join(f"{name} {' / '.join(f'{1e3 * v:+.2f}' for v in values)}" for name, values in found.items())
+    words = "; ".join(f"{name} {_in_millimetres(values, '+.2f')}" for name, values in found.items())
     return Claim(
         "after the collision impedance control is displaced less than admittance control",
         f"equal M, B, K, sets 1 to 3: less by {words} mm, of {1e3 * most:.0f} at most",
@@ -240,22 +252,20 @@ def _start(bench: Bench) -> Claim:
 
 
 def table5(bench: Bench) -> Result:
-    """The sets and what they do."""
+    """Make Table V: the sets and their runs."""
     rows: list[tuple[str | float | None, ...]] = []
     numbers: dict[str, Mapping[str, float | None]] = {}
-    tried = [
-        (f"{law} {k}{', Table V' if published else ''}", law, mbk)
-        for law in ("admittance", "impedance")
-        for published in (True, False)
-        for k, mbk in enumerate(TABLE_5[law] if published else SENSIBLE, 1)
-    ]
+    tried = []
+    for law in ("admittance", "impedance"):
+        tried += [(f"{law} {k}, Table V", law, mbk) for k, mbk in enumerate(TABLE_5[law], 1)]
+        tried += [(f"{law} {k}", law, mbk) for k, mbk in enumerate(SENSIBLE, 1)]
     tried += [(f"predictive {k}", "predictive", mbk) for k, mbk in enumerate(SENSIBLE, 1)]
     for name, law, mbk in tried:
         one = collided(bench, law, mbk)
         found = numbers[name] = one.numbers()
-        stopped = f"{one.run.lost:.2f}" if one.run.lost is not None else "–"
-        slid, back, clear = (1e3 * (found[key] or 0.0) for key in ("slid", "pushed_back", "clearance_after"))
-        rows.append((name, *mbk, found["largest_force"], slid, found["work_on_bottle"], back, clear, stopped))
+        stopped = "–" if one.run.lost is None else f"{one.run.lost:.2f}"
+        slid, off, clear = (1e3 * (found[key] or 0.0) for key in ("slid", "pushed_back", "clearance_after"))
+        rows.append((name, *mbk, found["largest_force"], slid, found["work_on_bottle"], off, clear, stopped))
     columns = (
         "",
         "M (kg)",
@@ -269,7 +279,10 @@ def table5(bench: Bench) -> Result:
         "stopped (s)",
     )
     laws = {law: sets(bench, law) for law in ("admittance", "impedance", "predictive")}
-    words = [f"{law} {' / '.join(f'{1e3 * one.pushed_back:.1f}' for one in runs)} mm" for law, runs in laws.items()]
+    words = []
+    for law, runs in laws.items():
+        back = [one.pushed_back for one in runs]
+        words.append(f"{law} {_in_millimetres(back, '.1f')} mm")
     softer = all(runs[2].pushed_back > runs[0].pushed_back for runs in laws.values())
     claims = [Claim("more compliant sets yield more", ", ".join(words), softer)]
     text = (
@@ -281,17 +294,14 @@ def table5(bench: Bench) -> Result:
 
 
 def _choices(bench: Bench) -> list[Choice]:
-    """Of the bottle, the sets, and the unit of Table V."""
+    """The choices of the bottle, the sets, and the unit of Table V."""
 
     def words(stiffness: float = STIFFNESS, friction: float = FRICTION) -> str:
         found = collided(bench, "admittance", SENSIBLE[0], stiffness=stiffness, friction=friction).numbers()
         return f"{found['largest_force']:.1f} N, slid {1e3 * (found['slid'] or 0.0):.1f} mm"
 
     def off(runs: Sequence[Collided]) -> str:
-        return " / ".join(
-            f"{1e3 * one.pushed_back:.1f} mm" if one.run.lost is None else f"stopped at {one.run.lost:.2f} s"
-            for one in runs
-        )
+        return " / ".join(map(_describe_outcome, runs))
 
     admittance, impedance = (sets(bench, law, published=True) for law in ("admittance", "impedance"))
     kilograms = [collided(bench, "impedance", (1e3 * M, B, K)) for M, B, K in TABLE_5["impedance"]]

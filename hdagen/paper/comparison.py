@@ -1,4 +1,4 @@
-"""Both controllers against the bottle with like compliance, Fig. 21: how far apart their tips are."""
+"""Both controllers against the bottle with equal compliance, Fig. 21: the distance of their tips."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from hdagen.paper.result import Axes, Claim, Curve, Result
 from hdagen.plant import Array
 from hdagen.stretches import stretches
 
+SENSOR_SUFFIXES = {False: "", True: "_4096"}  # of names, by whether the encoders have 4096 counts
+
 
 def fig21(bench: Bench) -> Result:
-    """Both controllers with like compliance, and predictive control beside them."""
-    runs = {
-        (law, fine): collided(bench, law, SENSIBLE[1], fine=fine)
-        for law, fine in (*((law, fine) for fine in (False, True) for law in LAWS), ("predictive", False))
-    }
+    """Make Fig. 21: both controllers with equal compliance, and predictive control beside them."""
+    tried = [(law, fine) for fine in (False, True) for law in LAWS] + [("predictive", False)]
+    runs = {(law, fine): collided(bench, law, SENSIBLE[1], fine=fine) for law, fine in tried}
     one, two, three = (runs[law, False] for law in (*LAWS, "predictive"))
     time = one.run.log.time
     apart = {fine: _apart(runs["impedance", fine], runs["admittance", fine]) for fine in (False, True)}
@@ -28,14 +28,12 @@ def fig21(bench: Bench) -> Result:
     touching = (one.depth > 0) | (two.depth > 0)
     shown = (("impedance", one, "blue", "solid"), ("admittance", two, "vermilion", "dashed"),
              ("predictive", three, "green", "dotted"))  # fmt: skip
-    parts = [
-        Axes(f"{letter}-direction", "time (s)", f"{letter} (m)", [
-            Curve("trajectory input", time, one.run.path[:, axis], color="grey", dash="dashed", width=1.0),
-            *(Curve(law, time, run.run.simulation.tip[:, axis], color=color, dash=dash)
-              for law, run, color, dash in shown),
-        ])
-        for axis, letter in enumerate("xy")
-    ]  # fmt: skip
+    parts = []
+    for axis, letter in enumerate("xy"):
+        curves = [Curve("trajectory input", time, one.run.path[:, axis], color="grey", dash="dashed", width=1.0)]
+        for law, run, color, dash in shown:
+            curves.append(Curve(law, time, run.run.simulation.tip[:, axis], color=color, dash=dash))
+        parts.append(Axes(f"{letter}-direction", "time (s)", f"{letter} (m)", curves))
     soft = sets(bench, "predictive")
     parts += [_three(soft, axis) for axis in range(2)]
     distances = {"Hall sensors": apart[False], "4096 counts": apart[True], "impedance and predictive": predicted}
@@ -44,21 +42,19 @@ def fig21(bench: Bench) -> Result:
     parts.append(Axes("distance of the tips of impedance and admittance control", "time (s)", "distance (m)", curves,
                       bands=bands))  # fmt: skip
     published = collided(bench, "impedance", TABLE_5["impedance"][1])
-    numbers = {
-        f"mean_apart{words}{'_4096' if fine else ''}": values[rows].mean()
-        for fine, values in apart.items() for words, rows in (("", slice(None)), ("_touching", touching))
-    } | {
-        f"predictive_set_{k}": one.numbers() for k, one in enumerate(soft, 1)
-    } | {
-        "mean_apart_predictive_touching": predicted[touching].mean(),
-        "published_impedance_lost_at": published.run.lost,
-    }  # fmt: skip
+    numbers: dict[str, Any] = {}
+    for fine, end in SENSOR_SUFFIXES.items():
+        numbers[f"mean_apart{end}"] = apart[fine].mean()
+        numbers[f"mean_apart_touching{end}"] = apart[fine][touching].mean()
+    numbers |= {f"predictive_set_{k}": run.numbers() for k, run in enumerate(soft, 1)}
+    numbers["mean_apart_predictive_touching"] = predicted[touching].mean()
+    numbers["published_impedance_lost_at"] = published.run.lost
     claims = _claims_21(numbers)
     text = (
         f"Both controllers with M, B, K = {SENSIBLE[1]} against the bottle; predictive control beside them, below with "
         "all three sets of Figs. 19 and 20."
     )
-    logs = {f"{law}{'_4096' if fine else ''}": run.run.log for (law, fine), run in runs.items()}
+    logs = {f"{law}{SENSOR_SUFFIXES[fine]}": run.run.log for (law, fine), run in runs.items()}
     logs |= {f"predictive_set{k}": soft[k - 1].run.log for k in (1, 3)}
     own = bench.robot_file({}, sensors=fine_sensors())
     robots = {end: own for end in logs if end.endswith("4096")}
@@ -81,7 +77,7 @@ def _apart(one: Collided, other: Collided) -> Array:
 
 
 def _stretches(time: Array, rows: Rows) -> list[tuple[float, float]]:
-    """From when to when ``rows`` are true."""
+    """Begin and end, s, of the stretches of true ``rows`` that last longer than 0.1 s."""
     pairs = [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in stretches(rows)]
     return [(a, b) for a, b in pairs if b - a > 0.1]
 

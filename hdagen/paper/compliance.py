@@ -1,5 +1,5 @@
-"""Compliance under admittance, Fig. 11, and impedance control, Fig. 12: the circle, pushed in x and then in y, with M,
-B and K varied one at a time."""
+"""Compliance under admittance control, Fig. 11, and impedance control, Fig. 12: the tip on a circle is pushed in x and
+then in y, while M, B and K vary one at a time."""
 
 from __future__ import annotations
 
@@ -31,15 +31,16 @@ from hdagen.simulation import Simulation
 SECONDS = 10.0
 BASE = {"M": 4.0, "B": 40.0, "K": 500.0}  # kg, N s/m, N/m, assumed: damping ratio 0.45, so that overshoot is seen
 VARIED = {"M": (1.0, 4.0, 16.0), "B": (20.0, 40.0, 80.0), "K": (250.0, 500.0, 1000.0)}
-SEEN = 0.02  # overshoot that is seen beside noise and friction; less counts as this
-FLAT = 0.3  # power of K with which settling may go and still count as not going with it
-CIRCLES = ((0.2, 0.0, 2.5), (0.2, 0.0, 10.0), (0.15, 0.1, TURN))  # m, m, s a turn: tried beside the one of III.C
+SEEN = 0.02  # smallest overshoot that stands out of noise and friction; a smaller one counts as this
+FLAT = 0.3  # largest power of K at which the settling time counts as independent of K
+CIRCLES = ((0.2, 0.0, 2.5), (0.2, 0.0, 10.0), (0.15, 0.1, TURN))  # m, m, s a turn: alternatives to the one of III.C
 UNITS = {"M": "kg", "B": "N s/m", "K": "N/m"}
 
 
 @dataclass(frozen=True)
 class Varied:
-    """A law with one of M, B, K at three values: displacement (T, 3, 2, m) of the arm and of the ideal, and runs."""
+    """A law with one of M, B, K at three values: displacement (T, 3, 2, m) of the arm and of the ideal, and the
+    runs."""
 
     letter: str
     moved: Array
@@ -47,44 +48,47 @@ class Varied:
     runs: tuple[Simulation, ...]
 
     def answers(self) -> tuple[Array, Array]:
-        """Of the arm and of the ideal, (3, 2, 3) as `answers` has them."""
+        """Measure the responses of the arm and of the ideal, each (3, 2, 3) as `hdagen.paper.answer` has them."""
         return answers(self.moved, PUSHES, PERIOD), answers(self.ideal, PUSHES, PERIOD)
 
 
 def varied(bench: Bench, law: str, letter: str, fine: bool = False) -> Varied:
-    """Three runs, with Hall sensors or with 4096 counts a turn."""
+    """Run a law with three values of M, B or K, with Hall sensors or with 4096 counts a turn."""
     path = turns(SECONDS)
-    sets = [{**BASE, letter: value} for value in VARIED[letter]]
+    sets = [tuple({**BASE, letter: value}.values()) for value in VARIED[letter]]
     runs = tuple(
-        bench.once((law, fine, *s.values()), partial(pushed, bench, law, cartesian(*s.values()), path, fine=fine))
-        for s in sets
+        bench.once((law, fine, *one), partial(pushed, bench, law, cartesian(*one), path, fine=fine)) for one in sets
     )
     moved = np.stack([run.tip - path.position for run in runs], axis=1)
-    return Varied(letter, moved, ideally(np.array([list(s.values()) for s in sets]), PUSHES, SECONDS, PERIOD), runs)
+    return Varied(letter, moved, ideally(np.array(sets), PUSHES, SECONDS, PERIOD), runs)
+
+
+def _all_varied(bench: Bench, law: str, fine: bool = False) -> dict[str, Varied]:
+    """The runs of a law with each of M, B and K varied."""
+    return {letter: varied(bench, law, letter, fine) for letter in VARIED}
 
 
 def fig11(bench: Bench) -> Result:
-    """Admittance control."""
+    """Make Fig. 11: admittance control."""
     return _figure(bench, "fig11", "admittance")
 
 
 def fig12(bench: Bench) -> Result:
-    """Impedance control."""
+    """Make Fig. 12: impedance control."""
     return _figure(bench, "fig12", "impedance")
 
 
 def _figure(bench: Bench, name: str, law: str) -> Result:
     path = turns(SECONDS)
-    every = {letter: varied(bench, law, letter) for letter in VARIED}
-    fine = {letter: varied(bench, law, letter, fine=True) for letter in VARIED}
+    every, fine = _all_varied(bench, law), _all_varied(bench, law, fine=True)
     parts: list[Axes | Grid] = []
     for row, (letter, one) in enumerate(every.items()):
         for axis, word in enumerate("xy"):
             values = [f"{letter} = {value:g} {UNITS[letter]}" for value in VARIED[letter]]
             curves = [Curve(words, path.time, one.moved[:, k, axis]) for k, words in enumerate(values)]
             curves += [
-                Curve("" if k else "ideal", path.time, one.ideal[:, k, axis], color="ink", dash="dotted", width=0.8)
-                for k in range(3)
+                Curve(label, path.time, one.ideal[:, k, axis], color="ink", dash="dotted", width=0.8)
+                for k, label in enumerate(("ideal", "", ""))  # the legend names them once
             ]
             heading = f"({'abcdef'[2 * row + axis]}) {word}, {letter} varied"
             parts.append(Axes(heading, "time (s)", "tip off the circle (m)", curves, bands=[BANDS[axis]]))
@@ -92,10 +96,10 @@ def _figure(bench: Bench, name: str, law: str) -> Result:
     gap = {
         letter: float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for letter, one in every.items()
     }
-    numbers = {
-        letter: dict(zip(("arm", "ideal"), (a.tolist() for a in one.answers()), strict=True))
-        for letter, one in every.items()
-    }
+    numbers = {}
+    for letter, one in every.items():
+        arm, ideal = one.answers()
+        numbers[letter] = {"arm": arm.tolist(), "ideal": ideal.tolist()}
     logs = {
         f"{letter}{value:g}": run.log
         for letter, one in every.items()
@@ -106,12 +110,15 @@ def _figure(bench: Bench, name: str, law: str) -> Result:
         f"is off the moving point. Base: M = {BASE['M']:g} kg, B = {BASE['B']:g} N s/m, K = {BASE['K']:g} N/m. Hall "
         "sensors, current loop, delay, friction and torsion as in the prototype. Dotted: what M, B and K promise."
     )
+    claims = _claims(law, every, fine, gap)
+    if law == "impedance":
+        claims.append(_alike(bench))
     return Result(
         name,
         f"{law.capitalize()} control, M, B and K varied",
         text,
         parts,
-        [*_claims(law, every, fine, gap), *([_alike(bench)] if law == "impedance" else [])],
+        claims,
         {"answers": numbers, "largest_gap_to_ideal": gap, "kept": kept(every), "kept_4096": kept(fine)},
         2,
         _choices(bench, law, every),
@@ -147,11 +154,12 @@ def _answer(found: Array) -> str:
 
 
 def _words(values: Array, unit: str, scale: float = 1.0) -> str:
-    return " / ".join("never" if np.isnan(v) else f"{scale * v:.3g}" for v in values) + f" {unit}"
+    words = ("never" if np.isnan(value) else f"{scale * value:.3g}" for value in values)
+    return f"{' / '.join(words)} {unit}"
 
 
 def kept(every: Mapping[str, Varied]) -> dict[str, bool]:
-    """Which of the paper's claims the runs keep, in both axes."""
+    """Tell which of the paper's claims hold for the runs, in both axes."""
     M, B, K = (every[letter].answers()[0] for letter in "MBK")
     rise = {
         "M settles": M[..., 0],
@@ -168,7 +176,7 @@ def kept(every: Mapping[str, Varied]) -> dict[str, bool]:
 
 
 def trends(every: Mapping[str, Varied]) -> Array:
-    """Powers with which settling and overshoot go with M and B in x and y, from the least to the largest: (2, 2, 2)."""
+    """Powers of M and of B in settling time and overshoot, between the ends of their ranges, in x and y: (2, 2, 2)."""
     found = []
     for letter in "MB":
         ends = every[letter].answers()[0][[0, -1], :, :2]
@@ -178,13 +186,15 @@ def trends(every: Mapping[str, Varied]) -> Array:
 
 
 def _alike(bench: Bench) -> Claim:
-    """Whether both laws go alike with B and M."""
+    """Claim that both laws have similar trends in B and M."""
     apart, words = {}, []
-    for fine in (False, True):
-        both = [trends({letter: varied(bench, law, letter, fine) for letter in VARIED}) for law in LAWS]
-        apart[fine] = float(np.abs(both[0] - both[1]).max())
-        differ = f"{apart[fine]:.2f}" if np.isfinite(apart[fine]) else "impedance control does not settle for every set"
-        words.append(f"{'4096 counts' if fine else 'Hall sensors'}: {differ}")
+    for fine, sensors in ((False, "Hall sensors"), (True, "4096 counts")):
+        impedance, admittance = (trends(_all_varied(bench, law, fine)) for law in LAWS)
+        apart[fine] = float(np.abs(impedance - admittance).max())
+        differ = f"{apart[fine]:.2f}"
+        if not np.isfinite(apart[fine]):
+            differ = "impedance control does not settle for every set"
+        words.append(f"{sensors}: {differ}")
     return Claim(
         "the two compliance control methods have similar trends for adjusting parameters B and M",
         f"powers of M and B with which settling and overshoot go differ by at most, {'; '.join(words)}",
@@ -198,9 +208,13 @@ def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], g
     hall, with_encoders = kept(every), kept(fine)
 
     def claim(paper: str, here: str, names: Sequence[str], why: str = "") -> Claim:
-        holds, other = (all(table[name] for name in names) for table in (hall, with_encoders))
-        differ = "" if holds == other else f"with 4096 counts a turn it {'holds' if other else 'does not hold'}"
-        return Claim(paper, here, holds, "; ".join(filter(None, (differ, why))))
+        holds, other = all(hall[name] for name in names), all(with_encoders[name] for name in names)
+        reasons = [why]
+        if other and not holds:
+            reasons.insert(0, "with 4096 counts a turn it holds")
+        if holds and not other:
+            reasons.insert(0, "with 4096 counts a turn it does not hold")
+        return Claim(paper, here, holds, "; ".join(filter(None, reasons)))
 
     gap_fine = max(float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for one in fine.values())
     return [

@@ -1,4 +1,4 @@
-"""The tables of docs/paper.md from the results of `hdagen paper all`, which docs/paper.json is a copy of."""
+"""The tables of docs/paper.md, made of the results of `hdagen paper all`; docs/paper.json is a copy of these."""
 
 from __future__ import annotations
 
@@ -12,17 +12,33 @@ SWEEP = ("sets", "sweep_seconds", "sweep_processor_seconds")
 
 
 def results(contents: Sequence[Mapping[str, Any]]) -> str:
-    """results.json: of every figure's JSON its claims and choices, and how long a sweep took."""
-    kept = [{key: content[key] for key in ("name", "title", "claims", "choices")} for content in contents]
-    for content, one in zip(contents, kept, strict=True):
+    """Collect the claims and choices of all figures, and the duration of their sweeps.
+
+    Args:
+        contents: the JSON of each figure.
+
+    Returns:
+        The text of results.json.
+    """
+    kept = []
+    for content in contents:
+        one = {key: content[key] for key in ("name", "title", "claims", "choices")}
         numbers = content.get("numbers", {})
         if all(key in numbers for key in SWEEP):
             one["sweep"] = {key: numbers[key] for key in SWEEP}
+        kept.append(one)
     return json.dumps(kept, indent=1, ensure_ascii=False) + "\n"
 
 
 def tables(found: Sequence[Mapping[str, Any]]) -> str:
-    """The claims, then the choices, as Markdown."""
+    """Render the claims and the choices of all figures.
+
+    Args:
+        found: the content of results.json.
+
+    Returns:
+        Two tables in Markdown.
+    """
     lines = ["| | the paper | here | holds | why they differ, or from where on |", "|---|---|---|---|---|"]
     for figure in found:
         for claim in figure["claims"]:

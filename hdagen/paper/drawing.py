@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a part alone, a row of parts, a row of a table
-LEFT, BOTTOM, TOP, EDGE, BAR = 0.68, 0.46, 0.28, 0.15, 0.86  # inches around axes; beside a map, its scale of colours
-LEGEND, LEGEND_ROOM, LEGEND_ROW = 7.5, 262.0, 0.16  # points: its letters, how wide it may be; inches: a row of it
-NARROW = 400.0  # from the least to the largest of a logarithmic axis, so that it has room for 1, 2, 5
-MOST = 1000  # stretches of a curve, of each its smallest and its largest are drawn: more than a printed figure has dots
+WIDTH, WIDE, HEIGHT, GRID_ROW = 4.4, 7.0, 2.5, 0.24  # inches: a part, a lone part, a row of parts, a row of a table
+LEFT, BOTTOM, TOP, EDGE, BAR = 0.68, 0.46, 0.28, 0.15, 0.86  # inches around axes; BAR: for the colour scale of a map
+LEGEND, LEGEND_ROOM, LEGEND_ROW = 7.5, 262.0, 0.16  # of the legend: letters and width, points; height of a row, inches
+NARROW = 400.0  # largest ratio of the ends of a logarithmic axis that leaves room for the numbers 1, 2, 5
+MOST = 1000  # stretches of a curve, drawn by their smallest and largest values: more than a printed figure has dots
 STYLE: Any = {
     "svg.hashsalt": "hdagen", "font.size": 8.5, "axes.titlesize": 9.0, "axes.labelsize": 8.5, "legend.fontsize": LEGEND,
     "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.35, "grid.linewidth": 0.5,
@@ -36,7 +36,11 @@ STYLE: Any = {
 
 
 def needed() -> None:
-    """PlantError where what draws is missing."""
+    """Check that matplotlib is installed.
+
+    Raises:
+        PlantError: matplotlib is missing; the message says how to install it.
+    """
     if importlib.util.find_spec("matplotlib") is None:
         raise PlantError(
             "figures are drawn by matplotlib, which is not installed; pip install 'hdagen[paper]' brings it."
@@ -44,7 +48,17 @@ def needed() -> None:
 
 
 def drawn(result: Result) -> tuple[bytes, bytes]:
-    """SVG and PNG. Raises PlantError where matplotlib is missing."""
+    """Draw a result in the paper's layout.
+
+    Args:
+        result: the figure or table.
+
+    Returns:
+        The contents of an SVG and of a PNG file.
+
+    Raises:
+        PlantError: matplotlib is missing.
+    """
     needed()
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -52,14 +66,14 @@ def drawn(result: Result) -> tuple[bytes, bytes]:
 
     rows = _rows(result)
     columns = max(len(row) for row in rows)
-    wide = WIDTH * columns if columns > 1 else WIDE
+    wide = max(WIDTH * columns, WIDE)
     heights = [max(_height(part) for part in row) for row in rows]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(wide, sum(heights) + EDGE))
         FigureCanvasAgg(figure)
         top = sum(heights)
         for row, height in zip(rows, heights, strict=True):
-            cell = wide / len(row) if len(row) == 1 else wide / columns
+            cell = wide if len(row) == 1 else wide / columns
             legend = max(_legend(part) for part in row)
             for at, part in enumerate(row):
                 _draw(_placed(figure, part, (at * cell, top - height, cell, height - legend)), part, wide)
@@ -84,29 +98,34 @@ def _rows(result: Result) -> list[list[Part]]:
 def _height(part: Part) -> float:
     if isinstance(part, Grid):
         return 0.5 + GRID_ROW * (len(part.rows) + 1)
-    own = WIDTH * 0.85 if isinstance(part, Axes) and part.equal else HEIGHT
+    own = HEIGHT
+    if isinstance(part, Axes) and part.equal:
+        own = WIDTH * 0.85
     return own + _legend(part)
 
 
 def _legend(part: Part) -> float:
-    """Inches that its legend takes above the axes."""
-    return LEGEND_ROW * _columns(_labels(part))[1] if isinstance(part, Axes) else 0.0
+    """Height of the legend above the axes, inches."""
+    if isinstance(part, Axes):
+        return LEGEND_ROW * _columns(_labels(part))[1]
+    return 0.0
 
 
 def _placed(figure: Figure, part: Part, cell: tuple[float, float, float, float]) -> Plot:
-    """New axes within a cell (left, bottom, width, height in inches): those of a row and of a column are in line."""
+    """New axes within a cell (left, bottom, width, height in inches), in line with those of its row and column."""
     left, bottom, wide, high = cell
+    sides = LEFT, EDGE, BOTTOM, TOP
     if isinstance(part, Grid):
-        sides = (EDGE, EDGE, EDGE, TOP)
-    else:
-        sides = (LEFT, BAR if isinstance(part, Map) else EDGE, BOTTOM, TOP)
+        sides = EDGE, EDGE, EDGE, TOP
+    if isinstance(part, Map):
+        sides = LEFT, BAR, BOTTOM, TOP
     box = left + sides[0], bottom + sides[2], wide - sides[0] - sides[1], high - sides[2] - sides[3]
     width, height = figure.get_size_inches()
     return figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
 
 
 def _labels(part: Axes) -> list[str]:
-    """What the legend has."""
+    """The labels of the legend."""
     return [*(curve.label for curve in part.curves if curve.label), *dict.fromkeys(words for _, _, words in part.bands)]
 
 
@@ -129,24 +148,27 @@ def _draw(plot: Plot, part: Part, wide: float) -> None:
 
 
 def _axes(plot: Plot, part: Axes) -> None:
-    columns = [[np.asarray(getattr(curve, side), float) for curve in part.curves] for side in "xy"]
-    if part.equal:  # in one unit
-        columns = [[*columns[0], *columns[1]]] * 2
-    across = fit(part.x_label, columns[0], log=part.log_x).quantity
-    up = fit(part.y_label, columns[1], log=part.log_y).quantity
+    xs = [np.asarray(curve.x, float) for curve in part.curves]
+    ys = [np.asarray(curve.y, float) for curve in part.curves]
+    if part.equal:  # both axes have one unit
+        xs = ys = [*xs, *ys]
+    across = fit(part.x_label, xs, log=part.log_x).quantity
+    up = fit(part.y_label, ys, log=part.log_y).quantity
     for at, curve in enumerate(part.curves):
         _curve(plot, curve, at, across, up)
     _bands(plot, part, across)
     for x, y, words in part.marks:
         plot.plot([x * across.factor], [y * up.factor], "o", color="#1b1f24", markersize=4, fillstyle="none")
         plot.annotate(words, (x * across.factor, y * up.factor), (5, 4), textcoords="offset points", fontsize=7)
-    plot.set_xscale("log" if part.log_x else "linear")
-    plot.set_yscale("log" if part.log_y else "linear")
+    _set_scales(plot, part)
     if part.equal:
         plot.set_aspect("equal", adjustable="datalim")
     if part.log_x:
         low, high = plot.get_xlim()
-        _decades(plot.xaxis, (1.0, 2.0, 5.0) if high < NARROW * low else (1.0,))
+        digits: tuple[float, ...] = (1.0,)
+        if high < NARROW * low:
+            digits = (1.0, 2.0, 5.0)
+        _decades(plot.xaxis, digits)
     if part.log_y:
         _decades(plot.yaxis, (1.0, 2.0, 5.0))
     plot.set_xlabel(across.label)
@@ -154,18 +176,29 @@ def _axes(plot: Plot, part: Axes) -> None:
     _headed(plot, part.heading)
 
 
+def _set_scales(plot: Plot, part: Axes | Map) -> None:
+    """Make the axes logarithmic that the part has so."""
+    if part.log_x:
+        plot.set_xscale("log")
+    if part.log_y:
+        plot.set_yscale("log")
+
+
 def _bands(plot: Plot, part: Axes, across: Quantity) -> None:
-    """Shaded stretches; the legend says once what each is."""
+    """Shade the bands; the legend names bands of equal words once."""
     said: set[str] = set()
     for begin, end, words in part.bands:
-        label = words if words not in said else None
-        shade = 0.08 if not said or words in said else 0.16
+        label, shade = None, 0.08
+        if words not in said:
+            label = words
+            if said:
+                shade = 0.16
         plot.axvspan(begin * across.factor, end * across.factor, color="#1b1f24", alpha=shade, linewidth=0, label=label)
         said.add(words)
 
 
 def _decades(axis: Axis, digits: tuple[float, ...]) -> None:
-    """Plain numbers that begin with ``digits`` on a logarithmic axis."""
+    """Label a logarithmic axis with plain numbers that begin with ``digits``."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=digits))
@@ -174,7 +207,7 @@ def _decades(axis: Axis, digits: tuple[float, ...]) -> None:
 
 
 def _headed(plot: Plot, heading: str) -> None:
-    """The heading, and below it, outside the axes, the legend in as many columns as fit: nothing covers a curve."""
+    """Write the heading and the legend above the axes, where they cover no curve."""
     handles, labels = plot.get_legend_handles_labels()
     columns, rows = _columns(labels)
     if rows:
@@ -186,7 +219,7 @@ def _headed(plot: Plot, heading: str) -> None:
 
 
 def _titled(plot: Plot, heading: str, pad: float = 6.0) -> None:
-    """The heading ``pad`` points above the axes, where matplotlib need not look for room."""
+    """Write the heading ``pad`` points above the axes, without matplotlib's search for room."""
     plot.set_title(heading, loc="left", fontweight="bold", y=1.0, pad=pad)
 
 
@@ -194,11 +227,13 @@ def _curve(plot: Plot, curve: Curve, at: int, across: Quantity, up: Quantity) ->
     x, y = _thinned(np.asarray(curve.x, float), np.asarray(curve.y, float))
     color = COLORS[curve.color or CYCLE[at % len(CYCLE)]][0]
     pattern = DASHES[curve.dash or DASH_CYCLE[at % len(DASH_CYCLE)]]
-    style: Any = "-" if pattern is None else (0, tuple(float(v) / curve.width for v in pattern.split()))
+    style: Any = "-"
+    if pattern is not None:
+        style = (0, tuple(float(v) / curve.width for v in pattern.split()))
     if curve.draw == "points":
         plot.plot(x * across.factor, y * up.factor, ".", color=color, markersize=3 * curve.width, label=curve.label)
         return
-    steps = "steps-post" if curve.draw == "step" else "default"
+    steps = {"step": "steps-post"}.get(curve.draw, "default")
     plot.plot(
         x * across.factor, y * up.factor, color=color, linestyle=style, linewidth=curve.width, drawstyle=steps,
         label=curve.label,
@@ -206,7 +241,7 @@ def _curve(plot: Plot, curve: Curve, at: int, across: Quantity, up: Quantity) ->
 
 
 def _thinned(x: Array, y: Array) -> tuple[Array, Array]:
-    """What is drawn of a curve: all of a short one, of a long one the extremes of MOST stretches."""
+    """The drawn points of a curve: all of a short one, the extremes of MOST stretches of a long one."""
     if len(x) <= 2 * MOST:
         return x, y
     rows = extremes(np.arange(len(x), dtype=float), [y], MOST)
@@ -228,8 +263,7 @@ def _map(plot: Plot, part: Map) -> None:
     beside = figure.add_axes((box.x1 + 0.08 / width, box.y0, 0.1 / width, box.height))
     figure.colorbar(mesh, cax=beside, label=unit.label)
     plot.grid(visible=False)
-    plot.set_xscale("log" if part.log_x else "linear")
-    plot.set_yscale("log" if part.log_y else "linear")
+    _set_scales(plot, part)
     _titled(plot, part.heading)
     for label, edges, log, axis in (
         (part.x_label, part.x, part.log_x, plot.xaxis),
@@ -243,22 +277,25 @@ def _map(plot: Plot, part: Map) -> None:
 
 
 def _grid(plot: Plot, part: Grid, wide: float) -> None:
-    """Text in columns as wide as their words, between rules."""
+    """Write a table in columns as wide as their words, between rules."""
     plot.axis("off")
     plot.set_xlim(0, 1)
     plot.set_ylim(len(part.rows) + 1.0, 0)
     _titled(plot, part.heading)
-    words = [
-        [str(name) for name in part.columns],
-        *([_written(cell, part.digits) for cell in row] for row in part.rows),
-    ]
-    widths = [max(text_width(row[k], 1.0) for row in words) + 1.2 for k in range(len(part.columns))]
+    words = [[str(name) for name in part.columns]]
+    for cells in part.rows:
+        words.append([_written(cell, part.digits) for cell in cells])
+    widths = []
+    for k in range(len(part.columns)):
+        widths.append(max(text_width(row[k], 1.0) for row in words) + 1.2)
     edges = np.concatenate([[0.0], np.cumsum(widths) / sum(widths)])
     size = min(8.0, 0.95 * 72 * wide / sum(widths))
+    weight, rule = "bold", 0.8  # of the head
     for k, row in enumerate(words):
         for left, text in zip(edges, row, strict=False):
-            plot.text(left, k + 0.5, text, fontsize=size, va="center", fontweight="bold" if k == 0 else "normal")
-        plot.axhline(k + 1.0, color="#1b1f24", linewidth=0.8 if k == 0 else 0.25)
+            plot.text(left, k + 0.5, text, fontsize=size, va="center", fontweight=weight)
+        plot.axhline(k + 1.0, color="#1b1f24", linewidth=rule)
+        weight, rule = "normal", 0.25
 
 
 def _written(cell: Any, digits: int) -> str:
@@ -266,4 +303,6 @@ def _written(cell: Any, digits: int) -> str:
         return "–"
     if isinstance(cell, bool):
         return "yes" if cell else "no"
-    return cell if isinstance(cell, str) else number(cell, digits)
+    if isinstance(cell, str):
+        return cell
+    return number(cell, digits)

@@ -14,7 +14,7 @@ from hdagen.plant import Arm, Array
 
 K1, K2, K3, T1, T2 = 1.0e4, 1.4e4, 1.6e4, 3.9, 12.0  # N m/rad, N m: catalogue of the CSG-17-100, Fig. 8
 PSI = 2.9e-4  # rad, hysteresis loss, catalogue: 1 arcmin
-LOCKED = 0.5  # N m: dry friction that no load of these figures turns the motor against
+LOCKED = 0.5  # N m of dry friction, which locks the motor under every load of these figures
 HELD = {
     f"{key}_{j}": value for key, value in (("coulomb_friction", LOCKED), ("friction_smoothing", 3.0)) for j in (1, 2)
 }
@@ -26,7 +26,7 @@ NO_LOAD, SPEED, EFFICIENCY = 0.493, 3730 * 2 * np.pi / 60, 0.85  # A, rad/s: Tab
 
 
 def table1(bench: Bench) -> Result:
-    """Table I from the catalogue."""
+    """Make Table I: the parameters that follow from the catalogue beside the printed ones."""
     made, printed = bench.arm().robot["joints"][0]["drive"], bench.arm(TABLE_1).robot["joints"][0]
     nominal = {name: made[name]["nominal"] for name in made if isinstance(made[name], dict)}
     rows: list[tuple[str, str, float, str]] = [
@@ -43,8 +43,8 @@ def table1(bench: Bench) -> Result:
     ]
     same = [_to_digits(value, text) for _, text, value, _ in rows]
     cells = [
-        (what, text, value, "yes" if fits else "no", how)
-        for (what, text, value, how), fits in zip(rows, same, strict=True)
+        (name, text, value, "yes" if fits else "no", source)
+        for (name, text, value, source), fits in zip(rows, same, strict=True)
     ]
     claims = [
         Claim(
@@ -71,7 +71,7 @@ def table1(bench: Bench) -> Result:
 
 
 def _rotor(bench: Bench) -> Choice:
-    """The two rotors on Fig. 11's own set."""
+    """The choice of the rotor's inertia, by runs of Fig. 11's middle set."""
     gains, path = cartesian(*BASE.values()), turns(SECONDS)
     other = {f"motor_inertia_{j}": TABLE_1_ROTOR for j in (1, 2)}
     words = []
@@ -92,7 +92,7 @@ def _to_digits(value: float, text: str) -> bool:
 
 
 def table2(bench: Bench) -> Result:
-    """The motor's no-load current and speed, without and with the gear's friction."""
+    """Make Table II: the motor's no-load current and speed, without and with the gear's friction."""
     plant = bench.arm(changes=GEARLESS)
     geared = bench.arm()
     seconds, constant = 7.5, geared.parameters["torque_constant_1"]
@@ -158,8 +158,8 @@ def _motor_speed(run: Driven) -> Array:
 
 
 def _locked(bench: Bench, torque: Array, changes: dict[str, float]) -> tuple[Driven, Array, Array]:
-    """Joint 1 of the straight arm loaded by a force across the tip, its input locked: run, torsion as the log has it,
-    and the true one."""
+    """Load joint 1 of the straight arm by a force across the tip, its input locked; return the run, the logged torsion
+    and the true torsion."""
     arm = bench.arm(changes={**HELD, **changes})
     push = np.zeros((len(torque), 2))
     push[:, 1] = torque / ARM
@@ -170,14 +170,16 @@ def _locked(bench: Bench, torque: Array, changes: dict[str, float]) -> tuple[Dri
 
 
 def _width(torsion: Array, torque: Array) -> float:
-    """How far apart the torsions are at no torque, going up and going down; 0 where it passes once only."""
+    """Width of the loop: distance of rising and falling torsion at no torque; 0 where no torque is passed once only."""
     at = np.flatnonzero(np.diff(np.sign(torque)))
     place = [torsion[k] - torque[k] * (torsion[k + 1] - torsion[k]) / (torque[k + 1] - torque[k]) for k in at]
-    return abs(place[-1] - place[-2]) if len(place) > 1 else 0.0
+    if len(place) < 2:
+        return 0.0
+    return abs(place[-1] - place[-2])
 
 
 def fig3b(bench: Bench) -> Result:
-    """The torque-torsion loop, input locked."""
+    """Make Fig. 3 (b): the torque-torsion loop, input locked."""
     time = np.arange(15000) * 1e-3
     load = -12.0 * np.sin(2 * np.pi * time / 6.0) * np.clip(time / 1.0, 0, 1)
     run, seen, truth = _locked(bench, load, {})
@@ -223,14 +225,14 @@ def fig3b(bench: Bench) -> Result:
 
 
 def _turning(bench: Bench, load: Array, angle: float, turn: slice) -> str:
-    """What the loop is with a hysteresis that turns over another angle, rad."""
+    """Width and loss of the loop of a hysteresis that turns over another angle, rad."""
     run, _, truth = _locked(bench, load, {"hysteresis_angle_1": angle})
     loss = abs(float(np.trapezoid(run.joint_torque[turn, 0], truth[turn])))
     return f"{angle:g} rad: {_width(truth[3000:], run.joint_torque[3000:, 0]):.3g} rad wide, {loss * 1e3:.2f} mJ"
 
 
 def fig8(bench: Bench) -> Result:
-    """Stiffness against torque."""
+    """Make Fig. 8: stiffness against torque."""
     load = -np.linspace(0.0, 20.0, 12000)
     run, _, truth = _locked(bench, load, REVERSIBLE)
     torque, torsion = np.abs(run.joint_torque[:, 0]), np.abs(truth)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -31,14 +31,14 @@ from hdagen.paper.prototype import DISC, ENCODER, PERIOD, STRUCTURE, Bench, Driv
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Part, Result
 from hdagen.plant import Array
 
-NO_TWIST = 0.1  # N m of the springs that count as none
-DRAWN = 12.0  # N m up to which an estimate is drawn that leaves the law of the springs
-STARTS = 2.5  # s that are drawn of a start
+NO_TWIST = 0.1  # N m: a smaller torque of the springs counts as no twist
+DRAWN = 12.0  # N m: largest drawn estimate; larger ones have left the law of the springs
+STARTS = 2.5  # s of the start that are drawn
 SHOWN = {"start": NONE, "start_leaned": LEANED, "start_zeroed": ZEROED, "off_centre": OFF_CENTRE}
 
 
 def fig15(bench: Bench) -> Result:
-    """The handle pushed, unpowered and powered."""
+    """Make Fig. 15: the handle pushed, unpowered and powered."""
     static, moving = handled(bench, False, fine_sensors()), handled(bench, True, fine_sensors())
     hall = handled(bench, True, None)
     found = {
@@ -61,7 +61,8 @@ def fig15(bench: Bench) -> Result:
     logs = {"static": static.log, "moving": moving.log, "moving_hall": hall.log}
     claims = [_with_twist(static, found["static"]["compensated"]), *_claims(table, peak, filters, why)]
     fine = fine_sensors()
-    robots = {end: bench.robot_file(machine(), sensors=None if end.endswith("hall") else fine) for end in logs}
+    robots = {end: bench.robot_file(machine(), sensors=fine) for end in logs}
+    robots["moving_hall"] = bench.robot_file(machine())
     for end, name in SHOWN.items():
         logs[end] = caused(bench, name)[0].log
         robots[end] = bench.robot_file(machine() | CAUSES[name][0], sensors=fine)
@@ -70,12 +71,13 @@ def fig15(bench: Bench) -> Result:
 
 
 def _start_panel(bench: Bench) -> Axes:
-    """The start-up error of joint 1, by cause."""
+    """Draw the start-up error of joint 1, by cause."""
     curves = []
     for end, name in SHOWN.items():
         run, error = caused(bench, name)
         rows = run.log.time < STARTS
-        curves.append(Curve(name, run.log.time[rows], error[rows, 0], width=0.9 if end == "off_centre" else 1.5))
+        width = {"off_centre": 0.9}.get(end, 1.5)
+        curves.append(Curve(name, run.log.time[rows], error[rows, 0], width=width))
     return Axes("start-up of the first arm", "time (s)", "error of the torque (N m)", curves)
 
 
@@ -117,7 +119,7 @@ def _panels(static: Driven, moving: Driven, found: Mapping[str, Mapping[str, Est
 
 
 def _within(torque: Array) -> Array:
-    """What is drawn of a torque."""
+    """The torque where it is small enough to be drawn, else NaN."""
     return np.where(np.abs(torque) <= DRAWN, torque, np.nan)
 
 
@@ -128,15 +130,13 @@ def _tables(
     why: Mapping[str, tuple[float, float]],
 ) -> list[Grid]:
     labels = {"static": "static, 4096 counts", "moving": "moving, 4096 counts", "hall": "moving, Hall sensors"}
-    rows: list[tuple[str | float, ...]] = [
-        (f"{labels[name]}: {kind}", *errors, *(100 * e / p for e, p in zip(errors, peak[name], strict=True)))
-        for name, kinds in table.items() for kind, errors in kinds.items()
-    ]  # fmt: skip
+    sensors = {"hall": "Hall sensors", "4096": "4096 counts"}
+    rows: list[tuple[str | float, ...]] = []
+    for name, kinds in table.items():
+        for kind, errors in kinds.items():
+            rows.append((f"{labels[name]}: {kind}", *errors, *_as_percent(errors, peak[name])))
     for name, (errors, peaks) in filters.items():
-        shares = (100 * e / p for e, p in zip(errors, peaks, strict=True))
-        rows.append(
-            (f"Kalman filter at the tick, {'Hall sensors' if name == 'hall' else '4096 counts'}", *errors, *shares)
-        )
+        rows.append((f"Kalman filter at the tick, {sensors[name]}", *errors, *_as_percent(errors, peaks)))
     return [
         Grid("rms error of the torque estimate", ("", "joint 1 (N m)", "joint 2 (N m)", "joint 1 (% of "
                         "peak)", "joint 2 (% of peak)"), rows, 3),
@@ -146,8 +146,13 @@ def _tables(
     ]  # fmt: skip
 
 
+def _as_percent(errors: Sequence[float], peaks: Sequence[float]) -> list[float]:
+    """Errors in percent of the peaks."""
+    return [100 * error / peak for error, peak in zip(errors, peaks, strict=True)]
+
+
 def _with_twist(run: Driven, found: Estimates) -> Claim:
-    """Joint 2 unpowered: its torque beside the twist, which the springs' own torque stands for."""
+    """Claim that the torque of the unpowered joint 2 follows the twist, which the springs' torque stands for."""
     truth, springs = run.joint_torque[:, 1], found.torsion[:, 1]
     together, none = float(np.corrcoef(found.whole[:, 1], springs)[0, 1]), np.abs(springs) < NO_TWIST
     left = float(rms(truth[none & (run.log.time >= BEGUN), None])[0])
@@ -227,7 +232,7 @@ def _choices(bench: Bench, moving: Driven) -> list[Choice]:
 
 
 def _ten_times(bench: Bench) -> str:
-    """What 0.4 N m at the motors would do."""
+    """Describe a run with 0.4 N m at the motors."""
     run = handled(bench, True, fine_sensors(), torque=10 * JOINT_TORQUE)
     speed, peak = np.abs(np.gradient(run.log["joint_position_1"], PERIOD)), np.abs(run.joint_torque).max(axis=0)
     legal = bench.arm().robot["joints"][0]["limits"]["speed"]

@@ -1,13 +1,13 @@
-"""Joint torque from a log, without a torque sensor, in the steps by which it gets better.
+"""Joint torque from a log, without a torque sensor, in steps of growing accuracy.
 
 Legend: φ torsion, θ/N − q less the kinematic torsion; z hysteresis state; d torsional damping; k_t i motor torque.
 
 - torsion: (14) to (16) corrected, both springs in series at the logged angles;
-- whole: the same from angles smoothed by cubics, with the hysteresis that φ has wound up, rate-independent, and d φ̇;
+- whole: the same from angles smoothed by cubics, plus the rate-independent hysteresis that φ has wound up, and d φ̇;
 - current: (18) corrected, N (k_t i − J_m N q̈ − r N q̇ − τ_fs sign q̇), from current and disc alone, in motion only.
 
-Smoothing looks as far ahead as back: these are for logs. What a controller has at its tick is the Kalman filter of the
-predictive one.
+Smoothing looks as far ahead as back, so these estimates are for logs. A controller has the Kalman filter of predictive
+control at its tick.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from hdagen.paper.prototype import PERIOD
 from hdagen.plant import Arm, Array
 
 Rows = NDArray[np.bool_]
-PASSED = 0.6  # periods in a window of cubics, of an oscillation that they pass to 1 %
-HAND = 10.0  # Hz, assumed: a hand's force has nothing faster
-HALL_SMOOTHING = 0.201  # where a count of the motor is three times the torsion of the friction
-CERTAIN = 1.0  # standard deviations from which a change of the torsion is taken for one
-MOVING = 0.05  # rad/s of the joint: slower, dry friction has no known sign
+PASSED = 0.6  # periods of an oscillation in a window of cubics that pass it to 1 %
+HAND = 10.0  # Hz, assumed: a hand's force has no faster part
+HALL_SMOOTHING = 0.201  # s, for Hall sensors, a count of which is three times the torsion of the friction
+CERTAIN = 1.0  # standard deviations of the noise above which the torsion counts as changed
+MOVING = 0.05  # rad/s of the joint; the sign of dry friction is unknown below
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,25 @@ class Estimates:
 def estimated(
     model: Arm, log: Log, zero: Array | float = 0.0, smoothing: float = PASSED / HAND, certainly: float = CERTAIN
 ) -> Estimates:
-    """The estimates by ``model``, which holds what is known of springs and kinematic torsion; ``zero`` (n, rad) is
-    added to the disc's angles. Angles are smoothed over ``smoothing`` s; what of the torsion is less than
-    ``certainly`` standard deviations of their noise winds no hysteresis."""
+    """Estimate the joint torques of a log.
+
+    Args:
+        model: the arm with the known springs and kinematic torsion.
+        log: motor and joint angles, rad, and motor currents, A.
+        zero: angle to add to the discs' angles (n,) or (T, n), rad.
+        smoothing: window over which angles are smoothed, s.
+        certainly: changes of the torsion below this many standard deviations of its noise wind no hysteresis.
+
+    Returns:
+        The three estimates.
+    """
     raw = _columns(log, "motor_position", model.n), _columns(log, "joint_position", model.n) + zero
     current = _columns(log, "motor_current", model.n)
-    p = model.parameters
-    constant, ratio, inertia, viscous, friction, damping, height, angle = (
-        np.array([p.get(f"{name}_{j}", 0.0) for j in range(1, model.n + 1)])
-        for name in ("torque_constant", "ratio", "motor_inertia", "viscous_friction", "coulomb_friction",
-                     "torsional_damping", "hysteresis_torque", "hysteresis_angle")
+    names = (
+        "torque_constant", "ratio", "motor_inertia", "viscous_friction", "coulomb_friction", "torsional_damping",
+        "hysteresis_torque", "hysteresis_angle",
     )  # fmt: skip
+    constant, ratio, inertia, viscous, friction, damping, height, angle = (by_joint(model, name) for name in names)
     theta, q = (_smooth(values, smoothing) for values in raw)
     omega, v = (_smooth(values, smoothing, 1) for values in raw)
     springs, at = _series(model, *raw), _series(model, theta, q)
@@ -63,6 +71,19 @@ def estimated(
     a = _smooth(raw[1], smoothing, 2)
     motor = constant * _smooth(current, smoothing) - ratio * (inertia * a + viscous * v) - friction * np.sign(v)
     return Estimates(springs, whole, np.where(np.abs(v) > MOVING, ratio * motor, np.nan))
+
+
+def by_joint(model: Arm, name: str) -> Array:
+    """Look up a parameter of all joints.
+
+    Args:
+        model: the arm.
+        name: the parameter's name without the joint's number.
+
+    Returns:
+        Its value at each joint (n,), SI; 0 where a joint does not have it.
+    """
+    return np.array([model.parameters.get(f"{name}_{j}", 0.0) for j in range(1, model.n + 1)])
 
 
 def _columns(log: Log, name: str, n: int) -> Array:
@@ -76,7 +97,7 @@ def _smooth(values: Array, seconds: float, derivative: int = 0) -> Array:
 
 
 def _rows(seconds: float) -> int:
-    """Of a window, an odd number."""
+    """Rows of a window, an odd number."""
     return 2 * int(seconds / PERIOD / 2) + 1
 
 
@@ -90,7 +111,7 @@ def _series(model: Arm, theta: Array, q: Array) -> Array:
 
 
 def noise(model: Arm, log: Log, smoothing: float) -> Array:
-    """Standard deviation of φ (n, rad) by the noise of both encoders that the log shows, smoothed."""
+    """Standard deviation of the smoothed φ (n, rad) from the noise of both encoders in the log."""
     from scipy.signal import savgol_coeffs
 
     left = float(np.linalg.norm(savgol_coeffs(_rows(smoothing), 3)))
@@ -102,8 +123,8 @@ def noise(model: Arm, log: Log, smoothing: float) -> Array:
 
 
 def followed(phi: Array, width: float) -> Array:
-    """φ (T,) less what moves by ``width`` and back: it rests until φ is farther off than that, and is then drawn
-    along. Noise alone would unwind a hysteresis, for which every step counts."""
+    """φ (T,) without movements of up to ``width`` to and fro: it rests until φ is farther off, and is then drawn along.
+    Noise would unwind a hysteresis, for which every step counts."""
     out, now = np.empty(len(phi)), float(phi[0])
     for k, value in enumerate(phi.tolist()):
         now = min(max(now, value - width), value + width)
@@ -112,8 +133,8 @@ def followed(phi: Array, width: float) -> Array:
 
 
 def hysteresis(phi: Array, angle: float) -> Array:
-    """z of dz = (dφ − |dφ| z)/δ along φ (T,), exact from row to row; ``angle`` is δ (none: 0). It begins as if loaded
-    once from nothing to the first φ."""
+    """Integrate dz = (dφ − |dφ| z)/δ along φ (T,), exact from row to row; return z. ``angle`` is δ, 0 without a
+    hysteresis. z begins as if φ had risen from 0 to its first value."""
     z = np.zeros(len(phi))
     if angle <= 0:
         return z
@@ -128,6 +149,14 @@ def hysteresis(phi: Array, angle: float) -> Array:
 
 
 def rms(error: Array, rows: Rows | slice = slice(None)) -> Array:
-    """Root mean square by column over rows, NaN left out."""
+    """Compute the root mean square of each column, without NaN.
+
+    Args:
+        error: values (T, n).
+        rows: the rows that count.
+
+    Returns:
+        Root mean square (n,), in the unit of ``error``.
+    """
     found: Array = np.sqrt(np.nanmean(error[rows] ** 2, axis=0))
     return found

@@ -1,8 +1,8 @@
 """The fit of (13) to logs in which a joint was turned by a constant torque.
 
-Legend: s turns of the output as the motor has it; y = θ/N − q, the angles' difference of (12), which holds the
-kinematic torsion Σ a_k s^k, the springs' torsion under what turns the arm, and the hysteresis, whose sign is that of
-the torque. The last two are fitted beside the first.
+Legend: s turns of the output by the motor's angle; y = θ/N − q, the angles' difference of (12). It holds the kinematic
+torsion Σ a_k s^k, the springs' torsion under the torque that turns the arm, and the hysteresis, which has the sign of
+the torque. The fit has a term for each.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdagen.log import Log
-from hdagen.paper.prototype import PERIOD, Bench, Driven, driven, fine_sensors
+from hdagen.paper.prototype import PERIOD, Bench, Driven, driven, encoders_of
 from hdagen.plant import Array
 
 ORDER = 5
-SMOOTH = 101  # rows of the parabola that gives the acceleration
-INSIDE = 0.02  # rad from the ends of the turn, where the published torsion jumps, to where a motion begins
-RISE = 0.05  # s in which the torque is brought up
+SMOOTH = 101  # rows of the parabolas whose curvature is the acceleration
+INSIDE = 0.02  # rad from an end of the turn, where the published torsion jumps, to the first angle of a motion
+RISE = 0.05  # s in which the torque rises
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Coefficients (6, rad) of (13) with their covariance, and the rms of what is left, rad."""
+    """Coefficients (6, rad) of (13) with their covariance (6, 6); the residual (rows,) and its rms ``rest``, rad."""
 
     coefficients: Array
     covariance: Array
@@ -33,15 +33,29 @@ class Fit:
 
     @property
     def errors(self) -> Array:
-        """Standard errors."""
+        """Standard errors of the coefficients (6, rad)."""
         return np.sqrt(np.diag(self.covariance))
 
     def off_by(self, published: Sequence[float]) -> Array:
-        """How far each coefficient is from the published one, in standard errors (6)."""
+        """Compare each coefficient with the published one.
+
+        Args:
+            published: coefficients (6), rad.
+
+        Returns:
+            Found less published, in standard errors (6,).
+        """
         return (self.coefficients - np.asarray(published)) / self.errors
 
     def distance(self, published: Sequence[float]) -> float:
-        """Squared distance of the published set in standard errors, all six together (chi-square with 6 degrees)."""
+        """Compare all coefficients with the published ones together.
+
+        Args:
+            published: coefficients (6), rad.
+
+        Returns:
+            Squared distance in standard errors: chi-square with 6 degrees of freedom.
+        """
         off = self.coefficients - np.asarray(published)
         return float(off @ np.linalg.solve(self.covariance, off))
 
@@ -56,8 +70,21 @@ def turned(
     fine: bool = False,
     repeat: int = 0,
 ) -> Driven:
-    """Joint j turned by a constant motor torque, ``above`` running friction, from one end of
-    ``turns`` to the other; each ``repeat`` has noise of its own."""
+    """Turn a joint by a constant motor torque from one end of its turns to the other.
+
+    Args:
+        bench: arms and shared runs.
+        j: the joint, from 1.
+        above: motor torque above running friction, N m.
+        direction: 1 or -1.
+        changes: parameters of the arm that differ from the prototype's, SI.
+        turns: how far the output turns.
+        fine: encoders of 4096 counts in place of Hall sensors.
+        repeat: each repeat has noise of its own.
+
+    Returns:
+        The run.
+    """
     arm = bench.arm(changes=changes)
     torque = arm.parameters[f"coulomb_friction_{j}"] + above
     seconds = 1.5 + 3.2 * turns
@@ -65,28 +92,49 @@ def turned(
     begun = np.clip(np.arange(len(current)) * PERIOD / RISE, 0, 1)
     current[:, j - 1] = begun * direction * torque / arm.parameters[f"torque_constant_{j}"]
     q = np.zeros(2)
-    q[j - 1] = INSIDE if direction > 0 else 2 * np.pi * turns - INSIDE
-    # no two logs have the same noise
-    seed = 10_000 * repeat + 1000 * j + round(1e4 * above) + (500 if direction > 0 else 0)
-    return driven(arm, current, np.zeros((len(current), 2)), q, fine_sensors() if fine else None, seed)
+    seed = 10_000 * repeat + 1000 * j + round(1e4 * above)  # no two logs have the same noise
+    if direction > 0:
+        q[j - 1] = INSIDE
+        seed += 500
+    else:
+        q[j - 1] = 2 * np.pi * turns - INSIDE
+    return driven(arm, current, np.zeros((len(current), 2)), q, encoders_of(fine), seed)
 
 
 def difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:
-    """(turns of the output as the motor has it, angles' difference) of a log."""
+    """Compute the angles' difference of (12).
+
+    Args:
+        log: motor and joint angles (T,), rad.
+        j: the joint, from 1.
+        ratio: gear ratio N.
+
+    Returns:
+        Turns of the output by the motor's angle (T,), and θ/N − q (T,), rad.
+    """
     turn = log[f"motor_position_{j}"] / ratio
     return turn / (2 * np.pi), turn - log[f"joint_position_{j}"]
 
 
 def acceleration(log: Log, j: int) -> Array:
-    """Of the joint, rad/s², by parabolas."""
+    """Acceleration of the joint (T,), rad/s², from parabolas."""
     from scipy.signal import savgol_filter
 
     return savgol_filter(log[f"joint_position_{j}"], SMOOTH, 2, deriv=2, delta=PERIOD)
 
 
 def fit(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: float = 1.0) -> Fit:
-    """(13) by least squares from logs of (direction, torque), all together: the polynomial is theirs in common; a
-    torsion by acceleration and, for each torque, one by direction stand beside it."""
+    """Fit (13) to logs by least squares, with a torsion by acceleration and, for each torque, one by direction.
+
+    Args:
+        logs: each log with the direction of its turn, 1 or -1, and its torque above running friction, N m.
+        j: the joint, from 1.
+        ratio: gear ratio N.
+        turns: how far the output turns.
+
+    Returns:
+        The polynomial that all logs have in common.
+    """
     blocks, values = [], []
     levels = sorted({above for _, _, above in logs})
     for log, direction, above in logs:
@@ -102,7 +150,7 @@ def fit(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: flo
     found = np.linalg.lstsq(X / scale, y, rcond=None)[0]
     residual = y - (X / scale) @ found
     inverse = np.linalg.inv((X / scale).T @ (X / scale))
-    score = X / scale * residual[:, None]  # White: noise differs along the turn, and from row to row it is new
+    score = X / scale * residual[:, None]  # White's covariance: independent noise whose size varies along the turn
     covariance = (inverse @ (score.T @ score) @ inverse / np.outer(scale, scale))[: ORDER + 1, : ORDER + 1]
     rest = float(np.sqrt(np.mean(residual**2)))
     return Fit((found / scale)[: ORDER + 1], covariance, rest, residual)

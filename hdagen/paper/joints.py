@@ -1,4 +1,4 @@
-"""More joints, the paper's outlook: the same laws and the same estimate on an arm of three, by its robot file alone."""
+"""The paper's outlook, more joints: the same laws and the same estimate on an arm of three, by its robot file alone."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from hdagen.plant import Array
 from hdagen.reference import Reference
 from hdagen.simulation import run
 
-NEAR = (1.2, -0.9, -1.3)  # rad: where the arm begins, bent
+NEAR = (1.2, -0.9, -1.3)  # rad: bent posture near which the arm starts
 
 
 def joints3(bench: Bench) -> Result:
-    """Impedance and admittance control of three joints, and their torques estimated."""
+    """Make the outlook's figure: impedance and admittance control of three joints, and their estimated torques."""
     path, arm = turns(SECONDS), bench.arm(THREE)
     runs = {
         law: run(
@@ -48,11 +48,12 @@ def joints3(bench: Bench) -> Result:
     parts: list[Part] = [*_panels(path, moved, ideal, log, truth, found.whole)]
     answer = {law: answers(off[:, None], PUSHES, PERIOD)[0] for law, off in moved.items()}
     promised = answers(ideal[:, None], PUSHES, PERIOD)[0]
-    rows: list[list[Cell]] = [
-        [law, *(float(v) for pair in table for v in (pair[0], 100 * pair[1], 1e3 * pair[2]))]
-        for law, table in {**answer, "ideal": promised}.items()
-    ]
-    columns = ("", *(f"{what} {axis}" for axis in "xy" for what in ("settling (s)", "overshoot (%)", "largest (mm)")))
+    rows: list[list[Cell]] = []
+    for law, table in {**answer, "ideal": promised}.items():
+        scaled = table * np.array([1.0, 100.0, 1e3])
+        rows.append([law, *scaled.ravel().tolist()])
+    measures = ("settling (s)", "overshoot (%)", "largest (mm)")
+    columns = ("", *(f"{measure} {axis}" for axis in "xy" for measure in measures))
     parts.append(Grid("how the tip answers", columns, rows, 3))
     refused = {law: int((one.status < 0).sum()) for law, one in runs.items()}
     claims = [

@@ -1,4 +1,4 @@
-"""The names of all figures and tables, and what makes each."""
+"""The list of all figures and tables, with the module that makes each."""
 
 from __future__ import annotations
 
@@ -24,7 +24,14 @@ class Listed:
     title: str
 
     def make(self, bench: Bench) -> Result:
-        """Simulate and compute it."""
+        """Simulate and compute the figure.
+
+        Args:
+            bench: arms and shared runs.
+
+        Returns:
+            The figure or table.
+        """
         maker: Maker = getattr(importlib.import_module(f"hdagen.paper.{self.module}"), self.name)
         return maker(bench)
 
@@ -37,8 +44,8 @@ FIGURES = (
     Listed("fig9", "validation", "Numerical validation of torque estimation"),
     Listed("fig11", "compliance", "Admittance control: M, B and K varied"),
     Listed("fig12", "compliance", "Impedance control: M, B and K varied"),
-    Listed("maps11", "sweeps", "Admittance control: maps over M, B and K"),
-    Listed("maps12", "sweeps", "Impedance control: maps over M, B and K"),
+    Listed("maps11", "maps", "Admittance control: maps over M, B and K"),
+    Listed("maps12", "maps", "Impedance control: maps over M, B and K"),
     Listed("fig14", "torsion", "Kinematic torsion and the angle of the output"),
     Listed("fig15", "estimation", "Torque estimation of both joints"),
     Listed("resolution", "validation", "Torque error against encoder resolution"),
@@ -57,7 +64,17 @@ FIGURES = (
 
 
 def named(names: Sequence[str]) -> tuple[Listed, ...]:
-    """The figures of those names, in their order; "all" is every one. PlantError for one that does not exist."""
+    """Find figures by name.
+
+    Args:
+        names: names of figures; "all" stands for every one.
+
+    Returns:
+        The figures, in the order of the names.
+
+    Raises:
+        PlantError: there is no figure of a name; the message lists the names.
+    """
     known = {figure.name: figure for figure in FIGURES}
     problems = []
     for name in names:
@@ -68,4 +85,6 @@ def named(names: Sequence[str]) -> tuple[Listed, ...]:
             problems.append(f"no figure or table named {name[:40]!r}{near}; there are {', '.join(known)}, and all.")
     if problems:
         raise PlantError("\n".join(problems))
-    return FIGURES if "all" in names else tuple(known[name] for name in dict.fromkeys(names))
+    if "all" in names:
+        return FIGURES
+    return tuple(known[name] for name in dict.fromkeys(names))

@@ -1,13 +1,13 @@
-"""Compliant control without a torque sensor: a law that is given, in place of the force sensor's reading, the force on
-the tip as both encoders of every joint tell it at the tick.
+"""Compliant control without a torque sensor: the law gets the tip force as both encoders of every joint tell it at the
+tick, in place of the force sensor's reading.
 
 Legend: τ̂ joint torque by (14) to (16) corrected, both springs in series, with the hysteresis that the torsion has wound
-up; p = M q̇ momentum of the links; L bandwidth; r what the world does to the joints, Jᵀ F_e:
+up; p = M q̇ momentum of the links; L bandwidth; r = Jᵀ F_e torque of the world on the joints:
 
     r = L (p − ∫ (τ̂ + Cᵀ q̇ − g + r) dt),    F_e = J⁻ᵀ r
 
-At rest that is (20) corrected, F_e = J⁻ᵀ (g − τ̂). The paper takes (20) in motion too, where the links' own inertia
-would be felt as a force.
+At rest that is (20) corrected, F_e = J⁻ᵀ (g − τ̂). The paper uses (20) in motion too, where it takes the links' inertia
+for a force.
 """
 
 from __future__ import annotations
@@ -18,30 +18,27 @@ from typing import Any
 import numpy as np
 
 from hdagen.control import Controller, Guard
+from hdagen.paper.estimator import by_joint
 from hdagen.plant import Arm, Array
 
-BANDWIDTH = 20.0  # rad/s of the observer: as fast as the inner loops' own on Hall sensors
-WINDING = 20.0  # Hz up to which the torsion is taken to wind the hysteresis; counts of the encoders come faster
-SINGULAR = 1e-6  # m², beside J Jᵀ, so that a straight arm gives a finite force
+BANDWIDTH = 20.0  # rad/s of the observer, as that of the inner loops for Hall sensors
+WINDING = 20.0  # Hz: a faster torsion winds no hysteresis, as the encoders' counts make it
+SINGULAR = 1e-6  # m², added to J Jᵀ, so that a straight arm gives a finite force
 
 
 class TipForce:
-    """F_e from encoders, by ``model``: what is known of springs, kinematic torsion, hysteresis and links."""
+    """Observer of F_e from encoders; ``model`` has the known springs, kinematic torsion, hysteresis and links."""
 
     def __init__(self, model: Arm, period: float, bandwidth: float = BANDWIDTH) -> None:
-        n, p = model.n, model.parameters
-        self.n, self.period, self.bandwidth = n, period, bandwidth
-        self.height, self.angle = (
-            np.array([p.get(f"{name}_{j}", 0.0) for j in range(1, n + 1)])
-            for name in ("hysteresis_torque", "hysteresis_angle")
-        )
-        self.angle = np.where(self.angle > 0, self.angle, np.inf)
+        self.n, self.period, self.bandwidth = model.n, period, bandwidth
+        self.height, angle = by_joint(model, "hysteresis_torque"), by_joint(model, "hysteresis_angle")
+        self.angle = np.where(angle > 0, angle, np.inf)
         self.share = 1 - np.exp(-2 * np.pi * WINDING * period)
         self._bind(model)
         self.restart()
 
     def _bind(self, model: Arm) -> None:
-        """The model's functions, bound to buffers."""
+        """Bind the model's functions to buffers."""
         n, module, c = self.n, model.module, model.c.copy()
         self.theta, self.q, self.v = np.zeros(n), np.zeros(n), np.zeros(n)
         self.torque, self.torsion, none = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -59,7 +56,7 @@ class TipForce:
         )
 
     def restart(self) -> None:
-        """Forget: the next tick is the first, and what it reads is taken for rest."""
+        """Forget the past: the next tick is the first, and starts from rest."""
         self.begun = False
         self.phi: Array = np.zeros(self.n)
         self.wound: Array = np.zeros(self.n)
@@ -67,9 +64,20 @@ class TipForce:
         self.r: Array = np.zeros(self.n)
 
     def tick(self, theta: Array, q: Array) -> Array:
-        """F_e (2, N) from motor and joint positions (n each, rad) of this tick."""
+        """Observe the force on the tip.
+
+        Args:
+            theta: motor positions at this tick (n,), rad.
+            q: joint positions at this tick (n,), rad.
+
+        Returns:
+            F_e (2,), N.
+        """
         h = self.period
-        self.v[:] = (q - self.q) / h if self.begun else 0.0
+        if self.begun:
+            self.v[:] = (q - self.q) / h
+        else:
+            self.v[:] = 0.0
         self.theta[:], self.q[:] = theta, q
         for function in self._functions:
             function.run()
@@ -81,7 +89,7 @@ class TipForce:
         return _solved(self.J @ self.J.T, self.J @ self.r)
 
     def _wind(self) -> Array:
-        """The hysteresis state (n), dz = (dφ − |dφ| z)/δ along the torsion below WINDING, exact from tick to tick."""
+        """Advance the hysteresis state (n,), dz = (dφ − |dφ| z)/δ along the torsion below WINDING, exactly."""
         step = self.share * (self.torsion - self.phi)
         self.phi += step
         sign = np.sign(step)
@@ -90,7 +98,7 @@ class TipForce:
 
 
 def _solved(A: Array, b: Array) -> Array:
-    """(A + SINGULAR 1)⁻¹ b of two axes, written out: it is done at every tick."""
+    """Solve (A + SINGULAR 1) x = b of two axes, written out for speed."""
     (xx, xy), (_, yy) = A.tolist()
     x, y = b.tolist()
     xx, yy = xx + SINGULAR, yy + SINGULAR
@@ -99,7 +107,7 @@ def _solved(A: Array, b: Array) -> Array:
 
 
 class Sensorless(Controller):
-    """A law of ``arm`` that never sees the force sensor. ``felt``: F_e as it was fed back, a row a tick (2, N)."""
+    """A law of ``arm`` that never sees the force sensor. ``felt``: the observed F_e of each tick (2, N)."""
 
     def __init__(
         self, arm: Arm, law: str, guard: Guard, gains: Mapping[str, float], model: Arm, bandwidth: float = BANDWIDTH
@@ -108,13 +116,22 @@ class Sensorless(Controller):
         super().__init__(arm, law, guard, gains)
 
     def restart(self) -> None:
-        """Begin as if just made."""
+        """Start again, as a new controller."""
         super().restart()
         self.observer.restart()
         self.felt = []
 
     def tick(self, now: float, *given: Any, **named: Any) -> int:
-        """One tick of the law, from the encoders alone."""
+        """Run one tick of the law from the encoders alone.
+
+        Args:
+            now: time of the tick, s.
+            given: as `Controller.tick` has them.
+            named: as `Controller.tick` has them.
+
+        Returns:
+            The status of `Controller.tick`.
+        """
         self.tip_force[:] = self.observer.tick(self.motor_position, self.joint_position)
         self.felt.append(self.tip_force.copy())
         return super().tick(now, *given, **named)

@@ -1,4 +1,4 @@
-"""One page with every figure and table, what the paper says of them and what came out, the errata, and the choices."""
+"""One page with every figure and table, the paper's claims beside the results, the errata, and the choices."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from hdagen.paper.result import Axes, Claim, Grid, Map, Result
 SAYS, WHY = ("the paper says", "here"), "why they differ, or from where on"
 OPEN, ERRATA = ("question", "taken", "alternatives"), ("printed", "checked", "how it shows")
 WORDY = 24  # letters from which a cell of a table breaks its lines
-FILLED = 2.0  # times the smaller span that parts which share axes may differ by
+FILLED = 2.0  # largest ratio of the spans of two parts that share axes
 HOLDS = {True: "yes", False: "no", None: "–"}
 
 
 def interactive(result: Result) -> list[str]:
-    """The parts as the page's own figures, which follow the reader's light or dark."""
+    """Render the parts as the page's own figures, which follow the reader's light or dark."""
     out: list[str] = []
     parts, k = list(result.parts), 0
     while k < len(parts):
@@ -54,47 +54,55 @@ def _heat(part: Map) -> str:
 
 
 def _wordy(part: Grid) -> list[str]:
-    """The columns whose cells are words, and long ones: they break their lines."""
-    return [
-        name
-        for k, name in enumerate(part.columns)
-        if any(isinstance(row[k], str) and len(str(row[k])) > WORDY and " " in str(row[k]) for row in part.rows)
-    ]
+    """The columns with long words or sentences, which break their lines."""
+    found = []
+    for k, name in enumerate(part.columns):
+        words = [cell for row in part.rows if isinstance(cell := row[k], str)]
+        if any(len(word) > WORDY and " " in word for word in words):
+            found.append(name)
+    return found
 
 
 def _alike(one: Axes, other: object) -> bool:
-    """Whether two parts share their axes' names and kinds, and fill the same axes."""
+    """Tell whether two parts share their axes' names and kinds, and fill the same axes."""
     if not isinstance(other, Axes) or (one.x_label, one.y_label, one.log_x, one.log_y, one.equal) != (
         other.x_label, other.y_label, other.log_x, other.log_y, other.equal,
     ):  # fmt: skip
         return False
-    spans = [[_span(part, side) for part in (one, other)] for side in ("x", "y")]
-    return all(max(both) <= FILLED * min(both) for both in spans)
+    for side in ("x", "y"):
+        first, second = _span(one, side), _span(other, side)
+        if max(first, second) > FILLED * min(first, second):
+            return False
+    return True
 
 
 def _span(part: Axes, side: str) -> float:
-    """From the least to the largest of all curves."""
+    """Difference of the largest and the least value of all curves."""
     values = np.concatenate([np.asarray(getattr(curve, side), float) for curve in part.curves])
     return float(np.nanmax(values) - np.nanmin(values))
 
 
-def _planes(result: Result, group: Sequence[Axes]) -> str:
-    drawn = [
-        figure.Plane(
-            [
-                figure.Curve(c.label, c.x, c.y, color=c.color, dash=c.dash, draw=c.draw, width=c.width)
-                for c in axes.curves
-            ],
-            heading=axes.heading if len(group) > 1 else "",
-            marks=axes.marks,
-        )
-        for axes in group
+def _make_plane(axes: Axes, heading: str) -> figure.Plane:
+    curves = [
+        figure.Curve(c.label, c.x, c.y, color=c.color, dash=c.dash, draw=c.draw, width=c.width) for c in axes.curves
     ]
+    return figure.Plane(curves, heading=heading, marks=axes.marks)
+
+
+def _planes(result: Result, group: Sequence[Axes]) -> str:
+    """Render parts that share axes, side by side."""
     first = group[0]
+    drawn = [_make_plane(axes, axes.heading) for axes in group]
+    if len(group) == 1:  # the heading stands in the title
+        drawn = [_make_plane(first, "")]
     pushed = [f"{words} from {begin:g} to {end:g} s" for axes in group for begin, end, words in axes.bands]
-    caption = f"Pushed: {', '.join(dict.fromkeys(pushed))}." if pushed else ""
-    whole = len(group) == len([part for part in result.parts if isinstance(part, Axes)])
-    title = result.title if whole or len(group) > 2 else "; ".join(axes.heading for axes in group)
+    caption = ""
+    if pushed:
+        caption = f"Pushed: {', '.join(dict.fromkeys(pushed))}."
+    title = "; ".join(axes.heading for axes in group)
+    every = len(group) == len([part for part in result.parts if isinstance(part, Axes)])
+    if every or len(group) > 2:
+        title = result.title
     return figure.planes(
         title, drawn, x_label=first.x_label, y_label=first.y_label, columns=min(2, result.columns), equal=first.equal,
         log_x=first.log_x, log_y=first.log_y, caption=caption,
@@ -102,20 +110,40 @@ def _planes(result: Result, group: Sequence[Axes]) -> str:
 
 
 def section(result: Result) -> dict[str, Any]:
-    """Text and figures of a result for the page: its parts, then the paper's words beside what came out."""
+    """Make the page's section of a result.
+
+    Args:
+        result: the figure or table.
+
+    Returns:
+        Its "text", and its "figures" in HTML: the parts, then the table of claims.
+    """
     return {"text": result.text, "figures": [*interactive(result), claims_table(result.claims)]}
 
 
 def claims_table(claims: Sequence[Claim]) -> str:
-    """The lines "the paper says … / here …"."""
+    """Render the table of claims: "the paper says … / here …"."""
     rows = [(claim.paper, claim.here, HOLDS[claim.holds], claim.why or "–") for claim in claims]
     return figure.table("The paper and here", (*SAYS, "holds", WHY), rows, sentences=(*SAYS, WHY))
 
 
 def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequence[Mapping[str, Any]]) -> Path:
-    """index.html from the figures' JSON and their sections. OSError where it cannot be written."""
+    """Write the page, index.html.
+
+    Args:
+        folder: the folder of the results.
+        contents: the JSON of each figure.
+        sections: the section of each figure, as `section` makes it.
+
+    Returns:
+        The path of the page.
+
+    Raises:
+        OSError: the page cannot be written.
+    """
     claims = [(heading(content["name"]), claim) for content in contents for claim in content["claims"]]
-    kept, broken = (sum(claim["holds"] is value for _, claim in claims) for value in (True, False))
+    outcomes = [claim["holds"] for _, claim in claims]
+    kept, broken = (sum(holds is value for holds in outcomes) for value in (True, False))
     summary = [(name, claim["paper"], claim["here"], HOLDS[claim["holds"]]) for name, claim in claims]
     choices = [
         (heading(content["name"]), choice["question"], choice["taken"], choice["alternatives"])
@@ -157,21 +185,32 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
 
 
 def heading(name: str) -> str:
-    """As the paper calls it: Fig. 11, Table 4."""
+    """Name a figure as the paper does.
+
+    Args:
+        name: of the figure, as "fig11" or "table4".
+
+    Returns:
+        Its heading, as "Fig. 11" or "Table IV".
+    """
     found = re.fullmatch(r"(fig|table|maps)(\d+)(\w?)", name)
     if not found:
         return {"resolution": "Beside Fig. 15", "sensorless": "Beside Fig. 16", "joints3": "V"}.get(name, name)
     kind = {"fig": "Fig.", "table": "Table", "maps": "Beside Fig."}[found[1]]
-    number = ("I", "II", "III", "IV", "V")[int(found[2]) - 1] if found[1] == "table" else found[2]
-    return f"{kind} {number}{f' ({found[3]})' if found[3] else ''}"
+    number, part = found[2], ""
+    if found[1] == "table":
+        number = ("I", "II", "III", "IV", "V")[int(found[2]) - 1]
+    if found[3]:
+        part = f" ({found[3]})"
+    return f"{kind} {number}{part}"
 
 
 def errata() -> list[list[str]]:
-    """The rows of docs/errata.md, as they ship with the package: equation, printed, checked, how it shows."""
+    """Read the rows of docs/errata.md from the package's copy: equation, printed, checked, how it shows."""
     text = resources.files("hdagen.data").joinpath("errata.md").read_text("utf-8")
-    rows = [
-        [cell.strip() for cell in line.strip().strip("|").split("|")]
-        for line in text.splitlines()
-        if line.startswith("|")
-    ]
-    return [row[:4] for row in rows[2:]]
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    rows = []
+    for line in lines[2:]:
+        cells = line.strip().strip("|").split("|")
+        rows.append([cell.strip() for cell in cells[:4]])
+    return rows

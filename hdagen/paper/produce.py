@@ -1,4 +1,4 @@
-"""Figures made and put away, in as many processes as there are processors; what is finished is left alone."""
+"""Figures made and stored, in as many processes as there are processors; finished figures are left alone."""
 
 from __future__ import annotations
 
@@ -18,21 +18,34 @@ from hdagen.paper.listed import Listed
 from hdagen.paper.prototype import ROBOT, TABLE_1, THREE, Bench
 
 Content = dict[str, Any]  # the JSON of a figure
-LONGEST = "sweeps"  # the module that is begun first; its threads take what the other processes leave
-_worker: dict[str, Bench] = {}  # what a worker process keeps from group to group
+LONGEST = "maps"  # the module that starts first; its threads use the processors that other processes leave
+_worker: dict[str, Bench] = {}  # the bench that a worker process keeps from group to group
 
 
 def produce(
     figures: Sequence[Listed], folder: Path, profile: str, processes: int, say: Callable[[str], None]
 ) -> Iterator[tuple[Listed, Content, bool]]:
-    """Every figure with its JSON, and whether it was made now; in the order in which they are done. Raises
-    PlantError."""
+    """Make figures, and store their files.
+
+    Args:
+        figures: the figures.
+        folder: of their files.
+        profile: of the arms' builds.
+        processes: how many processes make figures at the same time.
+        say: called with the title of the figure that is being made, or was made by another process.
+
+    Yields:
+        Each figure with its JSON, and whether it was made now; in the order in which they are done.
+
+    Raises:
+        PlantError: an arm cannot be built, or a file cannot be written.
+    """
     bench = Bench(profile)
     say("building the arms")
     arms = [*(bench.arm(robot) for robot in (ROBOT, TABLE_1, THREE)), bench.lean()]
     builds = tuple(arm.folder.name for arm in arms)
     came_from = store.inputs(builds)
-    groups: dict[str, list[Listed]] = {}  # what shares runs
+    groups: dict[str, list[Listed]] = {}  # figures that share runs
     for figure in figures:
         done = store.finished(folder, figure.name, came_from)
         if done is not None:
@@ -53,7 +66,7 @@ def _together(
 ) -> Iterator[tuple[Listed, Content, bool]]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, context, _begin, (bench,)) as pool:
-        heard = signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers take this over until they have begun
+        heard = signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit this until they have begun
         waiting = {pool.submit(_group, group, folder, came_from): group for group in groups}
         signal.signal(signal.SIGINT, heard)
         try:
@@ -69,14 +82,14 @@ def _together(
 
 
 def _begin(bench: Bench) -> None:
-    """A worker's own bench, whose runs all groups share that it makes."""
+    """Start a worker with a bench of its own, whose runs all its groups share."""
     _worker["bench"] = bench
     signal.signal(signal.SIGINT, _stop)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """End this worker when its parent has died without a word: what it waits for would never come."""
+    """End this worker when its parent has died, as no more work would ever come."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()
@@ -84,11 +97,10 @@ def _end_with_parent() -> None:
 
 
 def _stop(*_: object) -> None:
-    """What a worker does when interrupted: leave what it makes, begin nothing more, and say nothing, for the parent
-    does."""
+    """End an interrupted worker: it leaves its figure, begins nothing more, and prints nothing, as the parent does."""
     _worker.clear()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    sys.unraisablehook = lambda _: None  # where this comes in the midst of a callback, which cannot raise it
+    sys.unraisablehook = lambda _: None  # for an interrupt in a callback, where SystemExit cannot be raised
     sys.exit(1)
 
 
@@ -99,12 +111,14 @@ def _group(group: list[Listed], folder: Path, came_from: str) -> list[Content]:
 
 
 def made(bench: Bench, figure: Listed, folder: Path, came_from: str) -> Content:
-    """One figure, simulated, drawn and written."""
+    """Simulate and draw a figure and write its files; return its JSON."""
     begun = time.perf_counter()
     result = figure.make(bench)
     return store.put(folder, result, came_from, time.perf_counter() - begun)
 
 
 def processors() -> int:
-    """How many this process may use, two at most: more than the longest figure needs is of no use."""
-    return min(2, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    """Count the processors that this process may use, two at most: the longest figure needs no more."""
+    if hasattr(os, "sched_getaffinity"):
+        return min(2, len(os.sched_getaffinity(0)))
+    return min(2, os.cpu_count() or 1)

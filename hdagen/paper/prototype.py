@@ -1,7 +1,7 @@
 """The virtual prototype and how it is driven: arms, controllers, sensors, motions, and runs that figures share.
 
-Its numbers stand in the preset `paper_prototype`, each with its source. What is stated here is how it is used: the
-paper names neither the inner loop of its controllers nor the size of most pushes.
+Its numbers stand in the preset `paper_prototype`, each with its source. This file states how it is driven: the paper
+names neither the inner loop of its controllers nor the size of most pushes.
 """
 
 from __future__ import annotations
@@ -29,14 +29,11 @@ THREE = "paper_three_joints"
 LEAN = "paper_prototype, lean"
 LAWS = {"impedance": "impedance_cartesian", "admittance": "admittance_cartesian"}
 PERIOD = 1e-3  # s, of controller and CAN
-# Inner loops that 42 counts a turn carry: half of what encoders of 4096 counts do (`Controller`'s own: 50, 100, 80 Hz).
+# Inner loops for encoders of 42 and of 4096 counts a turn; `Controller` has those of the latter.
 INNER = {"bandwidth": 25.0, "observer_bandwidth": 20.0, "velocity_cutoff": 20.0}  # rad/s, rad/s, Hz
 FINE_INNER = {"bandwidth": 50.0, "observer_bandwidth": 100.0, "velocity_cutoff": 80.0}
-ENCODER = 2 * np.pi / 4096  # rad, of a motor encoder beside the paper's Hall sensors
-JITTER, SWITCHING = (
-    0.5,
-    2.5e-3,
-)  # counts rms of an encoder's angle; rad rms at the motor at most: assumed, as the preset
+ENCODER = 2 * np.pi / 4096  # rad, of a motor encoder in place of the paper's Hall sensors
+JITTER, SWITCHING = 0.5, 2.5e-3  # noise of an encoder's angle: counts rms, and at most rad rms; assumed, as the preset
 DISC = 2 * np.pi / 2**18  # rad, of the optical disc
 SAFE_DAMPING = 2e-3  # N m s/rad at the motors: after a fault they stop within J/d = 46 ms
 JUMP = 2.0  # rad of a motor in a tick: five times its largest speed, and more than a count of a Hall sensor
@@ -58,8 +55,8 @@ T = TypeVar("T")
 
 @dataclass
 class Bench:
-    """Arms that are built once, and runs that more than one figure shows; ``threads`` for sweeps, ``folders`` the
-    builds by robot."""
+    """Arms that are built once, and runs that several figures share; ``profile`` of the builds, ``threads`` for sweeps,
+    ``folders`` of the builds by robot."""
 
     profile: str = "native"
     threads: int = 2
@@ -67,14 +64,22 @@ class Bench:
     _shared: dict[Any, Any] = field(default_factory=dict)
 
     def arm(self, robot: str = ROBOT, changes: Mapping[str, float] | None = None) -> Arm:
-        """An arm of its own, with parameters changed by name."""
+        """Load an arm, which nothing else shares.
+
+        Args:
+            robot: preset or robot file.
+            changes: parameters that differ from the robot's, SI, by name.
+
+        Returns:
+            The arm.
+        """
         arm = Arm(self.folders[robot]) if robot in self.folders else load(robot, self.profile)
         self.folders[robot] = arm.folder
         arm.parameters.update(changes or {})
         return arm
 
     def lean(self) -> Arm:
-        """The prototype built without the effects that are switched off in it: the same numbers, sooner."""
+        """Load the prototype without the effects that are switched off in it: the same numbers in less time."""
         if LEAN not in self.folders:
             whole = self.arm()
             file = _preset(ROBOT, whole)
@@ -86,8 +91,16 @@ class Bench:
         return self.arm(LEAN)
 
     def robot_file(self, changes: Mapping[str, float], robot: str = ROBOT, sensors: Sensors | None = None) -> bytes:
-        """The preset's file with parameters and sensors changed, as `hdagen replay` takes it; sensors as the preset
-        has them where ``sensors`` says nothing."""
+        """Write a preset's file with other parameters and sensors, for `hdagen replay`.
+
+        Args:
+            changes: parameters that differ from the preset's, SI, by name.
+            robot: the preset.
+            sensors: encoders of the logs; None for those of the preset.
+
+        Returns:
+            Content of the robot file.
+        """
 
         def make() -> bytes:
             arm = self.arm(robot, changes)
@@ -101,7 +114,15 @@ class Bench:
         return _with_sensors(text, sensors or Sensors())
 
     def once(self, key: Any, make: Callable[[], T]) -> T:
-        """What ``make`` gives, made at its first use."""
+        """Compute a value at its first use and keep it.
+
+        Args:
+            key: identifies the value; hashable.
+            make: computes the value.
+
+        Returns:
+            The value of the first call with this key.
+        """
         if key not in self._shared:
             self._shared[key] = make()
         found: T = self._shared[key]
@@ -118,21 +139,35 @@ def _with_sensors(text: bytes, sensors: Sensors) -> bytes:
         (b"motor", sensors.motor_resolution, sensors.motor_noise),
         (b"joint", sensors.joint_resolution, sensors.joint_noise),
     ):
-        for what, values in ((b"resolution", resolution), (b"noise", noise)):
+        for quantity, values in ((b"resolution", resolution), (b"noise", noise)):
             if values is not None:
-                line = rb"(%s_encoder_%s = )[^ #\n]*" % (side, what)
+                line = rb"(%s_encoder_%s = )[^ #\n]*" % (side, quantity)
                 text = re.sub(line, rb"\g<1>%.17g" % values[0], text)
     return text
 
 
 def uncompensated(arm: Arm) -> dict[str, float]:
-    """The changes that make a model know nothing of kinematic torsion."""
+    """Switch the kinematic torsion of a model off.
+
+    Args:
+        arm: the model.
+
+    Returns:
+        Changes of its parameters, for `Bench.arm`.
+    """
     return {name: 0.0 for name in arm.parameters if name.startswith(("kinematic_", "ratio_error_"))}
 
 
 def torsion_of(j: int, coefficients: Sequence[float]) -> dict[str, float]:
-    """The changes that give joint j the torsion Σ a_k s^k, s in turns: a_0 is a zero of the joint's encoder, the linear
-    part a ratio; with the minus sign of (14)."""
+    """Give a joint the torsion Σ a_k s^k of (13), with the minus sign of (14).
+
+    Args:
+        j: the joint, from 1.
+        coefficients: a_0 to a_5, rad, over turns s. a_0 becomes a zero of the joint's encoder, the linear part a ratio.
+
+    Returns:
+        Changes of parameters, for `Bench.arm`.
+    """
     changes = {f"{name}_{j}": -float(a) for name, a in zip(TORSION, coefficients[2:], strict=True)}
     changes[f"ratio_error_{j}"] = -float(sum(coefficients[1:])) / (2 * np.pi)
     changes[f"encoder_bias_{j}"] = -float(coefficients[0])
@@ -140,34 +175,112 @@ def torsion_of(j: int, coefficients: Sequence[float]) -> dict[str, float]:
 
 
 def guard(n: int = 2, period: float = PERIOD) -> Guard:
-    """The guard of all runs."""
+    """Make the guard of all runs.
+
+    Args:
+        n: number of joints.
+        period: of a tick, s.
+
+    Returns:
+        The guard.
+    """
     return Guard(Safe.DAMPING, period, safe_damping=(SAFE_DAMPING,) * n, motor_jump=(JUMP,) * n)
 
 
 def controller(known: Arm, law: str, gains: Mapping[str, float] | None = None, fine: bool = False) -> Controller:
-    """A law of ``known``, the arm as the controller believes it, with the inner loop of Hall sensors, or ``fine``."""
-    inner = FINE_INNER if fine else INNER
-    return Controller(known, LAWS.get(law, law), guard(known.n), {**inner, **(gains or {})})
+    """Make a controller.
+
+    Args:
+        known: the arm that the controller believes.
+        law: "impedance" or "admittance", or any law of `Controller`.
+        gains: gains that differ from the inner loop's and the law's own.
+        fine: the inner loop for encoders of 4096 counts in place of that for Hall sensors.
+
+    Returns:
+        The controller, with the guard of all runs.
+    """
+    return Controller(known, LAWS.get(law, law), guard(known.n), {**inner_loop(fine), **(gains or {})})
+
+
+def inner_loop(fine: bool) -> dict[str, float]:
+    """Look up the inner loop of a controller.
+
+    Args:
+        fine: for encoders of 4096 counts in place of Hall sensors.
+
+    Returns:
+        Its gains.
+    """
+    if fine:
+        return FINE_INNER
+    return INNER
 
 
 def cartesian(mass: float, damping: float, stiffness: float) -> dict[str, float]:
-    """Gains of a Cartesian law, the same in both axes."""
+    """Make gains of a Cartesian law, the same in both axes.
+
+    Args:
+        mass: M, kg.
+        damping: B, N s/m.
+        stiffness: K, N/m.
+
+    Returns:
+        Gains by name.
+    """
     values = {"mass": mass, "damping": damping, "stiffness": stiffness}
     return {f"{name}_{axis}": value for name, value in values.items() for axis in "xy"}
 
 
 def turns(seconds: float = 10.0, radius: float = RADIUS) -> Reference:
-    """The circle of III.C."""
+    """Make the circle of III.C.
+
+    Args:
+        seconds: length of the motion, s.
+        radius: of the circle, m.
+
+    Returns:
+        The reference of the tip.
+    """
     return circle(radius, CENTER, TURN, seconds, PERIOD)
 
 
 def fine_sensors(n: int = 2) -> Sensors:
-    """4096 counts a turn at the motors in place of Hall sensors."""
+    """Make sensors with 4096 counts a turn at the motors in place of Hall sensors.
+
+    Args:
+        n: number of joints.
+
+    Returns:
+        The sensors; discs are those of the preset.
+    """
     return Sensors(motor_resolution=(ENCODER,) * n, motor_noise=(JITTER * ENCODER,) * n)
 
 
+def encoders_of(fine: bool, n: int = 2) -> Sensors | None:
+    """Choose the sensors of a run.
+
+    Args:
+        fine: 4096 counts a turn at the motors in place of Hall sensors.
+        n: number of joints.
+
+    Returns:
+        The fine sensors, or None for those of the preset.
+    """
+    if fine:
+        return fine_sensors(n)
+    return None
+
+
 def encoders(counts: int, bits: int) -> Sensors:
-    """``counts`` a turn at both motors, discs of 2^``bits``."""
+    """Make the encoders of two joints.
+
+    Args:
+        counts: a turn of each motor.
+        bits: each disc has 2^bits counts a turn.
+
+    Returns:
+        The sensors.
+    """
     motor, joint = 2 * np.pi / counts, 2 * np.pi / 2**bits
     noise = min(JITTER * motor, SWITCHING), JITTER * joint
     return Sensors((motor,) * 2, (joint,) * 2, motor_noise=(noise[0],) * 2, joint_noise=(noise[1],) * 2)
@@ -175,7 +288,8 @@ def encoders(counts: int, bits: int) -> Sensors:
 
 @dataclass(frozen=True)
 class Driven:
-    """An arm under given currents: log, and the truth at its rows: state (T, nx), joint torque (T, n), tip (T, 2)."""
+    """A run of an arm under given currents: its log, and the truth at the log's rows: state (T, nx), joint torque
+    (T, n, N m), tip (T, 2, m)."""
 
     log: Log
     state: Array
@@ -186,8 +300,19 @@ class Driven:
 def driven(
     arm: Arm, current: Array, push: Array, q: ArrayLike, sensors: Sensors | None = None, seed: int = 0
 ) -> Driven:
-    """``current`` (T, n, A) commanded and ``push`` (T, 2, N) on the tip, from rest at joint positions ``q``; dry
-    friction set-valued. The log holds what sensors read, the joint torque sensors too."""
+    """Drive an arm by given currents from rest, with set-valued dry friction.
+
+    Args:
+        arm: the true arm.
+        current: commanded currents (T, n), A.
+        push: force on the tip (T, 2), N.
+        q: joint positions at rest (n,), rad.
+        sensors: encoders; None for those of the robot.
+        seed: of the sensors' noise.
+
+    Returns:
+        The run; its log holds the readings of all sensors, those of joint torque too.
+    """
     from hdagen.sensors import errors
 
     scheme, random, n = errors(arm, sensors or Sensors()), np.random.default_rng(seed), arm.n
@@ -225,7 +350,22 @@ def pushed(
     seed: int = 1,
     start: ArrayLike | None = None,
 ) -> Simulation:
-    """The prototype under a law, pushed; the controller knows the prototype, but not ``changes`` of it."""
+    """Simulate the pushed prototype under a law; the controller knows the prototype without ``changes``.
+
+    Args:
+        bench: arms and shared runs.
+        law: "impedance" or "admittance".
+        gains: of the law.
+        reference: of the tip.
+        pushes: forces on the tip.
+        fine: encoders of 4096 counts and their inner loop in place of Hall sensors.
+        changes: parameters of the true arm that differ from the prototype's, SI.
+        seed: of the sensors' noise.
+        start: joint positions near which the arm starts on the reference (n,), rad; None for 0.6 rad each.
+
+    Returns:
+        The simulation.
+    """
     known, plant = bench.once("known", bench.arm), bench.arm(changes=changes)
-    sensors = fine_sensors(plant.n) if fine else None
-    return run(plant, controller(known, law, gains, fine), reference, pushes, sensors, seed, start)
+    regulator = controller(known, law, gains, fine)
+    return run(plant, regulator, reference, pushes, encoders_of(fine, plant.n), seed, start)

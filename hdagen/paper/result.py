@@ -1,4 +1,4 @@
-"""What a figure or table of the paper becomes: pictures, numbers, logs, a line for each thing that the paper says."""
+"""The result of a figure or table of the paper: pictures, numbers, logs, and a line for each of the paper's claims."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Cell = str | float | int | bool | None
 
 @dataclass(frozen=True)
 class Claim:
-    """``paper``: what the paper says; ``here``: what came out; ``holds``: whether that is the same (None: the paper
-    gives nothing to hold it to); ``why``: why they differ, or from where on the claim stops holding."""
+    """``paper``: a claim of the paper; ``here``: the result; ``holds``: whether the claim holds (None: it cannot be
+    tested); ``why``: the reason for a difference, or the limit of the claim."""
 
     paper: str
     here: str
@@ -27,7 +27,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Choice:
-    """What the paper leaves open: what was taken, and what the alternatives give."""
+    """A question that the paper leaves open: the choice ``taken``, and the results of its ``alternatives``."""
 
     question: str
     taken: str
@@ -36,7 +36,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve, ``x`` and ``y`` (T,) in SI units. ``draw``: line, points or step. Colour and dash: see
+    """A curve, ``x`` and ``y`` (T,) in SI units. ``draw``: line, points or step. ``color`` and ``dash`` are names of
     `hdagen.pages.palette`; by default they follow the order of the curves."""
 
     label: str
@@ -49,14 +49,25 @@ class Curve:
 
 
 def path(label: str, points: Array, color: str | None = None, dash: str | None = None, width: float = 1.5) -> Curve:
-    """The curve through ``points`` (T, 2)."""
+    """Make the curve through points of the plane.
+
+    Args:
+        label: of the legend.
+        points: x and y (T, 2), m.
+        color: name of a colour; None for the next one.
+        dash: name of a pattern; None for the next one.
+        width: of the line, points.
+
+    Returns:
+        The curve.
+    """
     return Curve(label, points[:, 0], points[:, 1], color=color, dash=dash, width=width)
 
 
 @dataclass(frozen=True)
 class Axes:
-    """One pair of axes. ``bands``: stretches of x with words; ``marks``: places with words; ``equal``: a unit is as
-    long on both axes."""
+    """One pair of axes. ``bands``: labelled intervals of x; ``marks``: labelled points; ``equal``: both axes have the
+    same scale."""
 
     heading: str
     x_label: str
@@ -100,8 +111,8 @@ Part = Axes | Map | Grid
 @dataclass(frozen=True)
 class Result:
     """A figure or table. ``parts`` stand row by row, ``columns`` beside each other, as in the paper; ``numbers`` go
-    into its JSON; ``logs`` by the end of their file's name; ``robots`` what `hdagen replay` takes with each: a
-    preset (`paper_prototype` where none is named) or a robot file's content."""
+    into its JSON; ``logs`` by the end of their file's name; ``robots`` for `hdagen replay` of each log: a preset
+    (`paper_prototype` where none is named) or the content of a robot file."""
 
     name: str
     title: str

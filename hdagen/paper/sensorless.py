@@ -1,5 +1,5 @@
-"""The paper's central claim: compliant control whose F_e is the estimated joint torques' instead of a force sensor's,
-with and without the kinematic torsion taken off, beside the same laws with the sensor.
+"""The paper's central claim: compliant control whose F_e comes from estimated joint torques in place of a force sensor,
+with and without compensation of the kinematic torsion, beside the same laws with the sensor.
 """
 
 from __future__ import annotations
@@ -12,16 +12,26 @@ import numpy as np
 
 from hdagen.paper.handle import compensating
 from hdagen.paper.observer import BANDWIDTH, Sensorless
-from hdagen.paper.prototype import FINE_INNER, INNER, LAWS, Bench, cartesian, fine_sensors, guard, uncompensated
+from hdagen.paper.prototype import LAWS, Bench, cartesian, fine_sensors, guard, inner_loop, uncompensated
 from hdagen.paper.result import Axes, Cell, Choice, Claim, Curve, Grid, Part, Result
-from hdagen.paper.tracking import SECONDS, SENSIBLE, SHOVES, SHOWN, TABLE_4, Tracked, case, followed, predictive
+from hdagen.paper.tracking_runs import (
+    SECONDS,
+    SENSIBLE,
+    SHOVES,
+    SHOWN,
+    TABLE_4,
+    Tracked,
+    case,
+    followed,
+    predictive,
+)
 from hdagen.plant import Arm, Array
 
 SENSOR, WHOLE, PLAIN, BLIND = "force sensor", "estimate", "estimate by (16) alone", "estimate, uncompensated"
 FILTER = "estimate of the Kalman filter"
-FAR = 0.04  # m: a tip that is farther off has left the picture
-YIELDS = 0.1  # of what the force sensor's run gives way: within it the estimate's gives way as much
-OTHERS = (10.0, 40.0)  # rad/s of the observer, tried beside its own
+FAR = 0.04  # m: a larger error of the tip is not drawn
+YIELDS = 0.1  # relative difference of two displacements under a push that count as equal
+OTHERS = (10.0, 40.0)  # rad/s of the observer, alternatives to its own
 FINE, HALL = "4096 counts", "Hall sensors"
 RUNS = (
     *((law, sensors, source) for law in LAWS for sensors, source in (
@@ -34,22 +44,23 @@ RUNS = (
 
 @dataclass(frozen=True)
 class Felt:
-    """A run, and F_e as the law was given it (T, 2, N)."""
+    """A run, and the F_e that the law was given (T, 2, N)."""
 
     run: Tracked
     force: Array
 
     @property
     def force_error(self) -> Array:
-        """rms by axis until the guard stopped the arm, N (2)."""
-        whole = self.run.lost is None
-        rows = slice(None) if whole else self.run.log.time < (self.run.lost or 0.0)
-        found: Array = np.sqrt(np.mean((self.force - self.run.simulation.push)[rows] ** 2, axis=0))
+        """rms error of the force by axis until the guard stopped the arm, N (2,)."""
+        error = self.force - self.run.simulation.push
+        if self.run.lost is not None:
+            error = error[self.run.log.time < self.run.lost]
+        found: Array = np.sqrt(np.mean(error**2, axis=0))
         return found
 
     @property
     def yielded(self) -> Array:
-        """Largest displacement along each push while it lasts, m (2); NaN where the guard had stopped the arm."""
+        """Largest displacement along each push while it lasts, m (2,); NaN where the guard had stopped the arm."""
         if self.run.lost is not None:
             return np.full(2, np.nan)
         time = self.run.log.time
@@ -58,7 +69,7 @@ class Felt:
 
 
 def model(bench: Bench, source: str, fine: bool) -> Arm:
-    """What an estimate knows: the torsion as Fig. 14 found it, or none; the hysteresis too, or the springs alone."""
+    """The model of an estimate: with the torsion as Fig. 14 found it or with none, with the hysteresis or without."""
     if source == BLIND:
         return bench.arm(changes=uncompensated(bench.arm()))
     known, _ = compensating(bench, fine)
@@ -68,11 +79,14 @@ def model(bench: Bench, source: str, fine: bool) -> Arm:
 
 
 def felt(bench: Bench, law: str, sensors: str, source: str) -> Felt:
-    """Three circles, the second pushed, as in Figs. 16 and 17."""
+    """Run three circles, the second pushed, as in Figs. 16 and 17."""
     fine = sensors == FINE
     if source == SENSOR:
-        return _by_sensor(case(bench, f"{law}, {FINE}" if fine else law))
-    make = partial(_by_filter, bench, fine) if source == FILTER else partial(_by_estimate, bench, law, fine, source)
+        name = f"{law}, {FINE}" if fine else law
+        return _by_sensor(case(bench, name))
+    make = partial(_by_estimate, bench, law, fine, source)
+    if source == FILTER:
+        make = partial(_by_filter, bench, fine)
     return bench.once(("felt", law, sensors, source), make)
 
 
@@ -81,7 +95,7 @@ def _by_sensor(run: Tracked) -> Felt:
 
 
 def _by_estimate(bench: Bench, law: str, fine: bool, source: str, bandwidth: float = BANDWIDTH) -> Felt:
-    gains = {**(FINE_INNER if fine else INNER), **cartesian(*SENSIBLE)}
+    gains = {**inner_loop(fine), **cartesian(*SENSIBLE)}
     regulator = Sensorless(bench.arm(), LAWS[law], guard(), gains, model(bench, source, fine), bandwidth)
     run = followed(bench.arm(), regulator, SHOVES, SECONDS, fine)
     return Felt(run, np.array(regulator.felt))
@@ -93,7 +107,7 @@ def _by_filter(bench: Bench, fine: bool) -> Felt:
 
 
 def sensorless(bench: Bench) -> Result:
-    """Both laws and predictive control, with the force sensor and without."""
+    """Make the figure: both laws and predictive control, with the force sensor and without."""
     runs = {key: felt(bench, *key) for key in RUNS}
     parts: list[Part] = [*_panels(runs), _table(runs)]
     numbers = {
@@ -117,7 +131,7 @@ def sensorless(bench: Bench) -> Result:
 
 
 def _panels(runs: Mapping[tuple[str, str, str], Felt]) -> list[Axes]:
-    """Displacement and F_e over time, with encoders of 4096 counts, by law and axis."""
+    """Draw displacement and F_e over time, with encoders of 4096 counts, by law and axis."""
     panels = []
     for law in LAWS:
         shown = {source: runs[law, FINE, source] for source in (SENSOR, WHOLE, BLIND)}
@@ -140,10 +154,10 @@ def _panels(runs: Mapping[tuple[str, str, str], Felt]) -> list[Axes]:
 
 
 def _seen(run: Tracked) -> Array:
-    """The tip off its path until it leaves the picture."""
+    """The tip's path error, NaN from its first value above FAR on."""
     off = run.off.copy()
-    gone = np.flatnonzero(np.linalg.norm(off, axis=1) > FAR)
-    off[gone[0] if len(gone) else len(off) :] = np.nan
+    gone = np.maximum.accumulate(np.linalg.norm(off, axis=1) > FAR)
+    off[gone] = np.nan
     return off
 
 
@@ -151,9 +165,17 @@ def _table(runs: Mapping[tuple[str, str, str], Felt]) -> Grid:
     rows: list[list[Cell]] = []
     for (law, sensors, source), one in runs.items():
         largest, _, spread = 1e3 * one.run.errors((0, 2))
-        stopped = f"{one.run.lost:.2f}" if one.run.lost is not None else "–"
-        counts = "4096" if sensors == FINE else "42"
-        given = [f"{law}, {source}", counts, *largest, *spread, *(1e3 * one.yielded), *one.force_error, stopped]
+        stopped = "–" if one.run.lost is None else f"{one.run.lost:.2f}"
+        counts = {FINE: "4096", HALL: "42"}
+        given = [
+            f"{law}, {source}",
+            counts[sensors],
+            *largest,
+            *spread,
+            *(1e3 * one.yielded),
+            *one.force_error,
+            stopped,
+        ]
         rows.append(given)
     columns = (
         "F_e from", "counts", "max x (mm)", "max y (mm)", "std x (mm)", "std y (mm)", "pushed x (mm)",

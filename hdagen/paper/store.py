@@ -1,4 +1,4 @@
-"""The files of a figure: drawn, written whole, and left alone while nothing that they come from has changed."""
+"""The files of a figure: drawn, written atomically, and left alone while none of their inputs has changed."""
 
 from __future__ import annotations
 
@@ -24,12 +24,19 @@ from hdagen.whole import write_whole
 
 SCHEMA = 1
 LARGEST = 10_000_000  # bytes of a figure's JSON
-SECTIONS = "sections"  # folder of what the page takes
+SECTIONS = "sections"  # folder of the page's sections
 
 
 @cache
 def inputs(builds: tuple[str, ...]) -> str:
-    """Hash of what figures come from: this package's own code, and the builds of the arms."""
+    """Hash the inputs of all figures: this package's own code, and the builds of the arms.
+
+    Args:
+        builds: names of the builds' folders, which hold a hash of their content.
+
+    Returns:
+        The hash, hexadecimal.
+    """
     digest = hashlib.sha256()
     for path in sorted(Path(str(resources.files("hdagen"))).rglob("*.py")):
         digest.update(path.read_bytes())
@@ -38,18 +45,42 @@ def inputs(builds: tuple[str, ...]) -> str:
 
 
 def finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
-    """The JSON of a figure whose files are whole and come from the same; None where it has to be made."""
+    """Read the JSON of a finished figure.
+
+    Args:
+        folder: of the results.
+        name: of the figure.
+        came_from: hash of the inputs, as `inputs` gives it.
+
+    Returns:
+        The JSON of a figure whose files are complete and come from these inputs; None where it has to be made.
+    """
     try:
         content = read_json(folder / f"{name}.json", LARGEST, "make it again")
         same = content["schema"] == SCHEMA and content["inputs"] == came_from
         kept = same and all(digest_of(folder / file) == digest for file, digest in content["files"].items())
     except (InputFileError, OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    return dict(content) if kept else None
+    if not kept:
+        return None
+    return dict(content)
 
 
 def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[str, Any]:
-    """Write a figure's files, its JSON last, which says that the others are whole. Raises PlantError."""
+    """Write a figure's files. Its JSON is the last, and tells that the others are complete.
+
+    Args:
+        folder: of the results.
+        result: the figure or table.
+        came_from: hash of the inputs, as `inputs` gives it.
+        seconds: that it took to make.
+
+    Returns:
+        The content of the JSON.
+
+    Raises:
+        PlantError: matplotlib is missing, or a file cannot be written.
+    """
     svg, png = drawn(result)
     part = json.dumps(section(result), ensure_ascii=False, indent=1).encode()
     files = {f"{result.name}.svg": svg, f"{result.name}.png": png, f"{SECTIONS}/{result.name}.json": part}
@@ -63,11 +94,12 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
             file = f"{result.name}_{end}.parquet"
             write_log(log, folder / file)
             robot = result.robots.get(end, "paper_prototype")
-            own = f"{result.name}_{end}.toml"
-            logs[file] = robot if isinstance(robot, str) else robots.setdefault(robot, own)
-        for robot, file in robots.items():  # one for all logs of the same arm
-            files[file] = robot
-            write_whole(folder / file, robot)
+            if not isinstance(robot, str):
+                robot = robots.setdefault(robot, f"{result.name}_{end}.toml")
+            logs[file] = robot
+        for text, file in robots.items():  # one for all logs of the same arm
+            files[file] = text
+            write_whole(folder / file, text)
         content = {
             "schema": SCHEMA, "name": result.name, "title": result.title, "text": result.text,
             "claims": [plain(asdict(claim)) for claim in result.claims],
@@ -75,24 +107,34 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
             "numbers": plain(result.numbers), "logs": logs, "inputs": came_from, "seconds": round(seconds, 2),
             "files": {file: digest_of(folder / file) for file in [*files, *logs]},
         }  # fmt: skip
-        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        write_whole(folder / f"{result.name}.json", text.encode())
+        whole = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        write_whole(folder / f"{result.name}.json", whole.encode())
     except OSError as error:
         raise PlantError(f"{folder}: {error.strerror}; choose another place with --out.") from None
     return content
 
 
 def sections(folder: Path, names: Sequence[str]) -> list[dict[str, Any]]:
-    """What the page takes of finished figures."""
+    """Read the page's sections of finished figures.
+
+    Args:
+        folder: of the results.
+        names: of the figures.
+
+    Returns:
+        Their sections, as `hdagen.paper.page.section` made them.
+    """
     return [json.loads((folder / SECTIONS / f"{name}.json").read_text(encoding="utf-8")) for name in names]
 
 
 def plain(value: Any) -> Any:
-    """Numbers as JSON takes them: to nine digits, what is not finite as None."""
+    """Convert a value to one that JSON takes: numbers to nine digits, None in place of NaN and infinity."""
     if isinstance(value, dict):
         return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [plain(entry) for entry in (value.tolist() if isinstance(value, np.ndarray) else value)]
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, int | np.integer):
@@ -103,5 +145,5 @@ def plain(value: Any) -> Any:
 
 
 def digest_of(path: Path) -> str:
-    """By which a finished file is known again."""
+    """Hash a file, so that a change of it is noticed."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:32]

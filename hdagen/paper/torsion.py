@@ -1,5 +1,5 @@
-"""Kinematic torsion, Fig. 14: measured as the paper did, fitted by (13) and by Fourier series, held against turns that
-the fit has not seen. Legend: s turns of the output, θ motor angle.
+"""Kinematic torsion, Fig. 14: measured as in the paper, fitted by (13) and by Fourier series, and compared on turns
+that the fit has not seen. Legend: s turns of the output, θ motor angle.
 """
 
 from __future__ import annotations
@@ -11,15 +11,17 @@ import numpy as np
 
 from hdagen.log import Log
 from hdagen.paper.fitting import ORDER, Fit, difference, fit, turned
-from hdagen.paper.prototype import ENCODER, PERIOD, A, B, Bench, driven, fine_sensors, torsion_of
+from hdagen.paper.prototype import ENCODER, PERIOD, A, B, Bench, driven, encoders_of, fine_sensors, torsion_of
 from hdagen.paper.result import Axes, Cell, Choice, Claim, Curve, Grid, Part, Result
 from hdagen.plant import Array
 
-ABOVE = (0.025, 0.03, 0.035)  # N m at the motor, IV.A, above running friction
+ABOVE = (0.025, 0.03, 0.035)  # N m at the motor above running friction, IV.A
 SETS = {1: A, 2: B}
+DIRECTION_WORDS = {1: "forward", -1: "back"}  # by direction
+SENSOR_KEYS = {True: "4096", False: "hall"}  # by whether the encoders have 4096 counts
 TWICE = 1.5e-4  # rad, usual size of the wave generator's error, twice a turn: catalogue
-TRAINED, HELD_OUT, BEFORE = 1.0, 3.0, 0.3  # turns
-SLOW, EVERY = 0.2, 10  # rad/s; rows from one that is kept to the next
+TRAINED, HELD_OUT, BEFORE = 1.0, 3.0, 0.3  # turns: end of the fit, end of the comparison, lead-in
+SLOW, EVERY = 0.2, 10  # rad/s of the joint; every which row is kept
 
 
 # -- bases ------------------------------------------------------------------------------------------------------------
@@ -28,7 +30,7 @@ Basis = Callable[[Array, Array], Array]  # (turns of the output, motor angle) ->
 
 
 def bases() -> dict[str, Basis]:
-    """What may stand for the kinematic torsion."""
+    """Bases that may describe the kinematic torsion, by name."""
 
     def polynomial(s: Array, theta: Array) -> Array:
         return np.vander(s % 1.0, ORDER + 1, increasing=True)
@@ -60,7 +62,7 @@ def _pair(angle: Array) -> Array:
 
 
 def slowly(bench: Bench, changes: Mapping[str, float]) -> Log:
-    """Joint 1 turned three times at 0.2 rad/s, from a part of a turn before: what springs do is constant by then."""
+    """Turn joint 1 three times at 0.2 rad/s after a lead-in, by which the springs' torsion has become constant."""
     arm = bench.arm(changes=changes)
     friction = (
         arm.parameters["coulomb_friction_1"] + SLOW * arm.parameters["ratio_1"] * arm.parameters["viscous_friction_1"]
@@ -74,7 +76,7 @@ def slowly(bench: Bench, changes: Mapping[str, float]) -> Log:
 
 
 def held_out(log: Log, j: int, ratio: float) -> dict[str, tuple[float, float]]:
-    """Of each basis the rms left over the turn it was fitted to, and over the turns after it, rad."""
+    """The rms residual of each basis on the turn of its fit and on the turns after it, rad."""
     s, y = difference(log, j, ratio)
     theta = log[f"motor_position_{j}"]
     seen, unseen = (s >= 0) & (s < TRAINED), (s >= TRAINED) & (s < HELD_OUT)
@@ -92,7 +94,7 @@ def held_out(log: Log, j: int, ratio: float) -> dict[str, tuple[float, float]]:
 
 @dataclass(frozen=True)
 class Measured:
-    """Joint j as Fig. 14 has it: logs by (torque, direction), and the fit."""
+    """The measurement of joint ``j`` for Fig. 14: logs by (torque above friction, direction), and the fit."""
 
     j: int
     logs: dict[tuple[float, int], Log]
@@ -100,7 +102,17 @@ class Measured:
 
 
 def measured(bench: Bench, j: int, fine: bool, repeat: int = 0) -> Measured:
-    """The published set of joint j put in, and recovered from six logs; each ``repeat`` has noise of its own."""
+    """Recover the published torsion of a joint from six logs of an arm that has it.
+
+    Args:
+        bench: arms and shared runs.
+        j: the joint, 1 or 2.
+        fine: encoders of 4096 counts in place of Hall sensors.
+        repeat: each repeat has noise of its own.
+
+    Returns:
+        The logs and the fit.
+    """
 
     def make() -> Measured:
         changes = torsion_of(j, SETS[j])
@@ -116,12 +128,12 @@ def measured(bench: Bench, j: int, fine: bool, repeat: int = 0) -> Measured:
 
 
 def curve(coefficients: Sequence[float] | Array, s: Array) -> Array:
-    """(13) at turns s, rad."""
+    """Evaluate (13) at turns s (T,); returns rad (T,)."""
     return np.vander(s, ORDER + 1, increasing=True) @ np.asarray(coefficients)
 
 
 def fig14(bench: Bench) -> Result:
-    """Kinematic torsion against the output's turn, both joints."""
+    """Make Fig. 14: kinematic torsion against the output's turn, both joints."""
     every = {(j, fine): measured(bench, j, fine) for j in SETS for fine in (True, False)}
     parts: list[Part] = [_panel(every[j, True], every[j, False], f"({'ab'[j - 1]}) joint {j}") for j in SETS]
     parts += [_less(every[j, True], every[j, False], f"joint {j}, less the published torsion") for j in SETS]
@@ -136,7 +148,9 @@ def fig14(bench: Bench) -> Result:
         left[name] = held_out(slow[name], 1, 100.0)
     best = {name: min(found, key=lambda basis: found[basis][1]) for name, found in left.items()}
     columns = ("left on turns 2 and 3 (mrad)", *truths)
-    rows: list[list[Cell]] = [[basis, *(1e3 * left[name][basis][1] for name in truths)] for basis in bases()]
+    rows: list[list[Cell]] = []
+    for basis in bases():
+        rows.append([basis, *(1e3 * left[name][basis][1] for name in truths)])
     coefficients = _coefficients(every)
     parts += [
         Grid("recovered coefficients (1e-3 rad, s in turns)", *coefficients, digits=3),
@@ -157,13 +171,12 @@ def fig14(bench: Bench) -> Result:
 
 
 def _logs(bench: Bench, every: Mapping[tuple[int, bool], Measured]) -> tuple[dict[str, Log], dict[str, str | bytes]]:
-    """All logs that were fitted, by the end of their file's name, and the robot files that they are of."""
+    """The fitted logs by the end of their file's name, and their robot files."""
     logs, robots = dict[str, Log](), dict[str, str | bytes]()
     for (j, fine), one in every.items():
-        robot = bench.robot_file(torsion_of(j, SETS[j]), sensors=fine_sensors() if fine else None)
+        robot = bench.robot_file(torsion_of(j, SETS[j]), sensors=encoders_of(fine))
         for (above, way), log in one.logs.items():
-            words = "forward" if way > 0 else "back"
-            end = f"joint{j}_{'4096' if fine else 'hall'}_{1e3 * above:.0f}mNm_{words}"
+            end = f"joint{j}_{SENSOR_KEYS[fine]}_{1e3 * above:.0f}mNm_{DIRECTION_WORDS[way]}"
             logs[end], robots[end] = log, robot
     return logs, robots
 
@@ -174,7 +187,7 @@ def _panel(fine: Measured, hall: Measured, heading: str) -> Axes:
     for (above, way), log in fine.logs.items():
         at, y = difference(log, fine.j, 100.0)
         inside = (at >= 0) & (at <= 1)
-        name = f"{1e3 * above:.0f} mN m {'forward' if way > 0 else 'back'}"
+        name = f"{1e3 * above:.0f} mN m {DIRECTION_WORDS[way]}"
         curves.append(Curve(name, at[inside][::20], y[inside][::20], "points", width=0.7))
     curves.append(Curve("published", s, curve(SETS[fine.j], s), color="ink", dash="solid", width=2.0))
     curves.append(
@@ -187,7 +200,7 @@ def _panel(fine: Measured, hall: Measured, heading: str) -> Axes:
 
 
 def _less(fine: Measured, hall: Measured, heading: str) -> Axes:
-    """What the fits miss of the published curve, and what one log shows of it with 4096 counts, in means of 50 rows."""
+    """Draw the errors of the fits, and one log with 4096 counts less the published curve, in means of 50 rows."""
     s = np.linspace(0, 1, 200)
     log = fine.logs[ABOVE[0], 1]
     at, y = difference(log, fine.j, 100.0)
@@ -224,7 +237,7 @@ def _numbers(every: Mapping[tuple[int, bool], Measured]) -> dict[str, object]:
     out: dict[str, object] = {}
     for (j, fine), one in every.items():
         off = curve(one.fit.coefficients, s) - curve(SETS[j], s)
-        out[f"joint_{j}_{'4096' if fine else 'hall'}"] = {
+        out[f"joint_{j}_{SENSOR_KEYS[fine]}"] = {
             "coefficients": one.fit.coefficients,
             "standard_errors": one.fit.errors,
             "chi_square_6": one.fit.distance(SETS[j]),
@@ -242,24 +255,7 @@ def _claims(
     left: Mapping[str, Mapping[str, tuple[float, float]]],
     best: Mapping[str, str],
 ) -> list[Claim]:
-    claims = []
-    for (j, fine), one in every.items():
-        off = np.abs(one.fit.off_by(SETS[j]))
-        s = np.linspace(0, 1, 201)
-        rms = float(np.sqrt(np.mean((curve(one.fit.coefficients, s) - curve(SETS[j], s)) ** 2)))
-        claims.append(
-            Claim(
-                f"coefficients of joint {j}, IV.A: {', '.join(f'{v:g}' for v in SETS[j])}",
-                f"with {'4096 counts' if fine else 'Hall sensors'} {_within(one)} of six within their standard errors, "
-                f"all within {off.max():.1f} of them; χ² = {one.fit.distance(SETS[j]):.1f}, which chance passes in "
-                f"{100 * _by_chance(one):.0f} of 100 fits; the curve to {1e6 * rms:.1f} µrad rms",
-                bool(off.max() < 3.0 and _by_chance(one) > 0.01),
-                "of six, four are to be expected within one standard error"
-                if fine
-                else f"42 counts a turn are {1e3 * 2 * np.pi / 4200:.2f} mrad at the joint: the curve is found, "
-                "single coefficients hardly",
-            )
-        )
+    claims = [_coefficients_claim(one, fine) for (_, fine), one in every.items()]
     shift = _between_torques(every[1, True])
     claims.append(
         Claim(
@@ -284,8 +280,31 @@ def _claims(
     return claims
 
 
+def _coefficients_claim(one: Measured, fine: bool) -> Claim:
+    """Claim that the published coefficients of a joint are recovered."""
+    published, off = SETS[one.j], np.abs(one.fit.off_by(SETS[one.j]))
+    s = np.linspace(0, 1, 201)
+    rms = float(np.sqrt(np.mean((curve(one.fit.coefficients, s) - curve(published, s)) ** 2)))
+    sensors = "Hall sensors"
+    why = (
+        f"42 counts a turn are {1e3 * 2 * np.pi / 4200:.2f} mrad at the joint: the curve is found, single "
+        "coefficients hardly"
+    )
+    if fine:
+        sensors = "4096 counts"
+        why = "of six, four are to be expected within one standard error"
+    return Claim(
+        f"coefficients of joint {one.j}, IV.A: {', '.join(f'{v:g}' for v in published)}",
+        f"with {sensors} {_within(one)} of six within their standard errors, all within {off.max():.1f} of them; "
+        f"χ² = {one.fit.distance(published):.1f}, which chance passes in {100 * _by_chance(one):.0f} of 100 fits; the "
+        f"curve to {1e6 * rms:.1f} µrad rms",
+        bool(off.max() < 3.0 and _by_chance(one) > 0.01),
+        why,
+    )
+
+
 def _within(one: Measured) -> int:
-    """How many coefficients are nearer to the published ones than their standard errors."""
+    """Count the coefficients that are nearer to the published ones than their standard errors."""
     return int((np.abs(one.fit.off_by(SETS[one.j])) < 1).sum())
 
 
@@ -297,11 +316,11 @@ def _by_chance(one: Measured) -> float:
 
 
 def _between_torques(one: Measured) -> float:
-    s = np.linspace(0, 1, 201)
-    curves = [
-        curve(fit([(one.logs[above, way], way, above) for way in (1, -1)], one.j, 100.0).coefficients, s)
-        for above in ABOVE
-    ]
+    """The rms difference, rad, of fits to the logs of one torque each."""
+    s, curves = np.linspace(0, 1, 201), []
+    for above in ABOVE:
+        logs = [(one.logs[above, way], way, above) for way in (1, -1)]
+        curves.append(curve(fit(logs, one.j, 100.0).coefficients, s))
     return float(np.sqrt(np.mean(np.var(curves, axis=0))))
 
 
@@ -310,10 +329,10 @@ def _choices(bench: Bench, every: Mapping[tuple[int, bool], Measured]) -> list[C
     still = turned(bench, 1, max(ABOVE) - level, 1, {}, fine=True).log["joint_position_1"]
     sure = {fine: 1e3 * every[1, fine].fit.errors[2] for fine in (True, False)}
     turn_a, turn_b = sum(A), sum(B)
-    rad = [sum(c * (2 * np.pi) ** k for k, c in enumerate(cs)) for cs in (A, B)]
+    radians_a, radians_b = (sum(c * (2 * np.pi) ** k for k, c in enumerate(cs)) for cs in (A, B))
     return [
         Choice("unit of the angle in (13)", "turns", f"at one turn {turn_a:.2e} and {turn_b:.2e} rad; in radians "
-                        f"{rad[0]:.1f} and {rad[1]:.1f} rad, which no gear has"),
+                        f"{radians_a:.1f} and {radians_b:.1f} rad, which no gear has"),
         Choice("0.025 to 0.035 N m at the motor", "above running friction", "as motor torques: below Table I's "
                         f"starting torque, 0.037 N m; 0.035 N m turns joint 1 by {1e3 * np.ptp(still):.2f} mrad in "
                         "4.7 s"),

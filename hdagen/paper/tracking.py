@@ -1,156 +1,39 @@
-"""Position tracking: three circles with a push on the second, Figs. 16 and 17, Tables III and IV.
-
-Beside the published parameters stands a set that a person would choose, and predictive control of the same admittance.
-"""
+"""Position tracking: Figs. 16 and 17, Tables III and IV."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from hdagen.control import Controller
-from hdagen.log import Log
-from hdagen.mpc.configuration import Configuration
-from hdagen.mpc.controller import MPC
-from hdagen.paper.prototype import ROBOT, STRUCTURE, TURN, Bench, cartesian, controller, fine_sensors, guard, turns
+from hdagen.paper.prototype import STRUCTURE, TURN, Bench
 from hdagen.paper.result import Axes, Choice, Claim, Curve, Grid, Result
 from hdagen.paper.result import path as drawn
-from hdagen.plant import Arm, Array, load
-from hdagen.simulation import Push, Sensors, Simulation, World, run
+from hdagen.paper.tracking_runs import (
+    PUBLISHED,
+    SECONDS,
+    SENSIBLE,
+    SHOVE,
+    SHOVES,
+    SHOWN,
+    TABLE_4,
+    Tracked,
+    built,
+    case,
+    cases,
+    tracked,
+)
+from hdagen.plant import Array
+from hdagen.simulation import Push
 
-SECONDS = 3 * TURN
-STARTS = 1.0  # s in which the circle is brought to speed, not counted
-SHOVE = 10.0  # N, assumed: "an external force"
-SHOVES = (Push(6.0, 7.0, (SHOVE, 0.0)), Push(8.0, 9.0, (0.0, SHOVE)))
-SHOWN = ((6.0, 7.0, f"{SHOVE:g} N in x"), (8.0, 9.0, f"{SHOVE:g} N in y"))
-PUBLISHED = {"impedance": (0.001, 1e-10, 1e-5), "admittance": (1000.0, 0.5, 10.0)}  # kg, N s/m, N/m: Table III
-SENSIBLE = (2.0, 45.0, 500.0)  # a hand's load, damping ratio 0.7, 20 mm under the push
-TABLE_4 = {"impedance": ((3.1, 3.6), (1.5, 0.3), (2.4, 1.8)), "admittance": ((3.4, 3.7), (0.4, 1.5), (1.7, 0.8))}  # mm
 MEASURES = ("max", "mean", "std")
 ALL = "all of these"
 NEAR = 3.7e-3  # m, the largest error of Table IV
 
 
-@dataclass(frozen=True)
-class Tracked:
-    """A run along a path: ``off`` (T, 2, m) the tip less the path; ``refused`` how many ticks, ``lost`` when the first
-    was, s (None: none); ``fault`` what it said."""
-
-    simulation: Simulation
-    path: Array
-    refused: int
-    lost: float | None
-    fault: str
-
-    @property
-    def off(self) -> Array:
-        """m."""
-        return self.simulation.tip - self.path
-
-    @property
-    def log(self) -> Log:
-        """The log."""
-        return self.simulation.log
-
-    def errors(self, circles: Sequence[int]) -> Array:
-        """(3, 2, m): largest, mean and standard deviation by axis over whole circles, the start left out."""
-        off = self.over(circles)
-        return np.stack([np.abs(off).max(axis=0), np.abs(off.mean(axis=0)), off.std(axis=0)])
-
-    def over(self, circles: Sequence[int]) -> Array:
-        """``off`` (rows, 2, m) over whole circles, the start left out."""
-        time = self.log.time
-        rows = np.zeros(len(time), bool)
-        for k in circles:
-            rows |= (time >= max(k * TURN, STARTS)) & (time < (k + 1) * TURN)
-        return self.off[rows]
-
-
-def tracked(
-    bench: Bench,
-    law: str,
-    mbk: tuple[float, float, float],
-    pushes: Sequence[Push],
-    seconds: float,
-    fine: bool = False,
-    changes: Mapping[str, float] | None = None,
-    gains: Mapping[str, float] | None = None,
-    world: World | None = None,
-    seed: int = 1,
-) -> Tracked:
-    """A law, or "predictive", on the prototype along the circle; the controller does not know ``changes``."""
-    regulator = (
-        predictive(bench, mbk)
-        if law == "predictive"
-        else controller(bench.once("known", bench.arm), law, {**cartesian(*mbk), **(gains or {})}, fine)
-    )
-    return followed(bench.arm(changes=changes), regulator, pushes, seconds, fine, world, seed)
-
-
-def followed(
-    plant: Arm,
-    regulator: Controller,
-    pushes: Sequence[Push],
-    seconds: float,
-    fine: bool = False,
-    world: World | None = None,
-    seed: int = 1,
-) -> Tracked:
-    """``regulator`` leading ``plant`` along the circle."""
-    path = turns(seconds)
-    found = run(plant, regulator, path, pushes, fine_sensors() if fine else Sensors(), seed, world=world)
-    refused = np.flatnonzero(found.status < 0)
-    first = int(refused[0]) if len(refused) else None
-    words = "" if first is None else regulator.sentence(int(found.status[first]))
-    lost = None if first is None else float(found.log.time[first])
-    return Tracked(found, path.position, len(refused), lost, words)
-
-
-def predictive(bench: Bench, mbk: tuple[float, float, float], force: str = "sensor") -> Controller:
-    """Predictive control that keeps the admittance M, B, K, driven by the force sensor, or by the "estimate" of its
-    filter."""
-    names = ("mass", "damping", "stiffness")
-    admittance: dict[str, Any] = {f"admittance__{name}": value for name, value in zip(names, mbk, strict=True)}
-    wanted = Configuration().changed(**admittance, admittance__force=force)
-    arm: Arm = bench.once("predictive", lambda: load(ROBOT, bench.profile, mpc=wanted))
-    return MPC(arm, wanted, guard())
-
-
-CASES = {  # law, M, B and K, whether with encoders of 4096 counts
-    "impedance": ("impedance", SENSIBLE, False),
-    "admittance": ("admittance", SENSIBLE, False),
-    "predictive": ("predictive", SENSIBLE, False),
-    "impedance, 4096 counts": ("impedance", SENSIBLE, True),
-    "admittance, 4096 counts": ("admittance", SENSIBLE, True),
-    "impedance, Table III": ("impedance", PUBLISHED["impedance"], False),
-    "admittance, Table III": ("admittance", PUBLISHED["admittance"], False),
-}
-
-
-def case(bench: Bench, name: str) -> Tracked:
-    """One of the runs of these figures."""
-    law, mbk, fine = CASES[name]
-    return bench.once(("tracked", name), partial(tracked, bench, law, mbk, SHOVES, SECONDS, fine))
-
-
-def built(bench: Bench, law: str, part: str) -> Tracked:
-    """The run of a law on a machine whose structure has one of STRUCTURE's faults, or "all of these"."""
-    changes = dict(STRUCTURE).get(part) or {name: v for one in STRUCTURE.values() for name, v in one.items()}
-    make = partial(tracked, bench, law, SENSIBLE, SHOVES, SECONDS, changes=changes)
-    return bench.once(("built", law, part), make)
-
-
-def cases(bench: Bench) -> dict[str, Tracked]:
-    """All of them."""
-    return {name: case(bench, name) for name in CASES}
-
-
 def fig16(bench: Bench) -> Result:
-    """Paths of the tip in the plane."""
+    """Make Fig. 16: paths of the tip in the plane."""
     found = cases(bench)
     parts, per = [], round(TURN / 1e-3)
     for name, heading in (
@@ -191,20 +74,18 @@ def fig16(bench: Bench) -> Result:
 
 
 def _back(one: Tracked) -> float:
-    """s from the end of the last push until the tip stays NEAR its path."""
+    """Time from the end of the last push until the tip stays NEAR its path, s."""
     time, distance = one.log.time, np.linalg.norm(one.off, axis=1)
-    after = np.flatnonzero((time >= SHOVES[-1].end) & (distance > NEAR))
-    return float(time[after[-1]] - SHOVES[-1].end) if len(after) else 0.0
+    after = time[(time >= SHOVES[-1].end) & (distance > NEAR)] - SHOVES[-1].end
+    return float(after.max(initial=0.0))
 
 
 def _as_published(found: Mapping[str, Tracked]) -> str:
     impedance, admittance = found["impedance, Table III"], found["admittance, Table III"]
     off = 1e3 * np.linalg.norm(admittance.off[-1])
-    lost = (
-        f"impedance: the guard stops the arm at {impedance.lost:.3f} s ({impedance.fault.rstrip('.')})"
-        if impedance.lost is not None
-        else "impedance: not lost"
-    )
+    lost = "impedance: not lost"
+    if impedance.lost is not None:
+        lost = f"impedance: the guard stops the arm at {impedance.lost:.3f} s ({impedance.fault.rstrip('.')})"
     return f"{lost}; admittance: still {off:.0f} mm off at the end"
 
 
@@ -216,7 +97,7 @@ def _why_published() -> str:
 
 
 def fig17(bench: Bench) -> Result:
-    """x and y over time."""
+    """Make Fig. 17: x and y over time."""
     found = cases(bench)
     parts = []
     for row, law in enumerate(("impedance", "admittance")):
@@ -248,32 +129,22 @@ def fig17(bench: Bench) -> Result:
 
 
 def table3(bench: Bench) -> Result:
-    """The parameters, as published and as they act."""
+    """Make Table III: the parameters, and the runs with them."""
     found = cases(bench)
     rows = []
     for law, published in PUBLISHED.items():
         for name, (M, B, K) in ((f"{law}, Table III", published), (law, SENSIBLE)):
             one = found[name]
-            outcome = (
-                f"stopped at {one.lost:.2f} s"
-                if one.lost is not None
-                else f"{1e3 * _largest(one):.1f} mm under the push"
-            )
+            outcome = f"{1e3 * _largest(one):.1f} mm under the push"
+            if one.lost is not None:
+                outcome = f"stopped at {one.lost:.2f} s"
             rows.append((name, M, B, K, float(B / (2 * np.sqrt(K * M))), float(2 * np.pi * np.sqrt(M / K)), outcome))
     columns = ("", "M (kg)", "B (N s/m)", "K (N/m)", "damping ratio", "swing (s)", "what the arm does")
+    impedance, admittance = str(rows[0][-1]), f"{rows[2][-1]}, damping ratio {rows[2][4]:.4f}"
+    why = _why_published()
     claims = [
-        Claim(
-            "impedance control with M = 0.001 kg, B = 1e-10 N s/m, K = 1e-5 N/m",
-            str(rows[0][-1]),
-            False,
-            _why_published(),
-        ),
-        Claim(
-            "admittance control with M = 1000 kg, B = 0.5 N s/m, K = 10 N/m",
-            f"{rows[2][-1]}, damping ratio {rows[2][4]:.4f}",
-            False,
-            _why_published(),
-        ),
+        Claim("impedance control with M = 0.001 kg, B = 1e-10 N s/m, K = 1e-5 N/m", impedance, False, why),
+        Claim("admittance control with M = 1000 kg, B = 0.5 N s/m, K = 10 N/m", admittance, False, why),
     ]
     text = "Table III as published, and a set that makes physical sense beside it."
     grid = Grid("Table III: parameters of the compliance control", columns, rows, 3)
@@ -285,12 +156,12 @@ def _largest(one: Tracked) -> float:
 
 
 def table4(bench: Bench) -> Result:
-    """Tracking errors by axis."""
+    """Make Table IV: tracking errors by axis."""
     found = cases(bench)
     shown = ("impedance", "admittance", "predictive", "impedance, 4096 counts", "admittance, 4096 counts")
     free = {name: found[name].errors((0, 2)) for name in shown}
     pushed = {name: found[name].errors((1,)) for name in shown}
-    columns = ("mm", *(f"{what} {axis}" for what in MEASURES for axis in "xy"))
+    columns = ("mm", *(f"{measure} {axis}" for measure in MEASURES for axis in "xy"))
     rows: list[tuple[str | float, ...]] = []
     for law, table in TABLE_4.items():
         rows.append((f"{law}, the paper", *(value for pair in table for value in pair)))
@@ -316,12 +187,8 @@ def table4(bench: Bench) -> Result:
                 f"{printed[0, 1]:.2f} mm, std {printed[2, 0]:.2f} and {printed[2, 1]:.2f}",
             )
         )
-    numbers = {
-        "free": free,
-        "pushed": pushed,
-        "structure": {", ".join(key): errors for key, errors in faults.items()},
-        "paper_mm": TABLE_4,
-    }
+    structure_errors = {", ".join(key): errors for key, errors in faults.items()}
+    numbers = {"free": free, "pushed": pushed, "structure": structure_errors, "paper_mm": TABLE_4}
     text = (
         "Errors of the tip against the circle, by axis, in millimetres; the first second, in which the circle is "
         "brought to speed, is left out. The mean is that of the signed error, its size printed, and the standard "
@@ -332,19 +199,19 @@ def table4(bench: Bench) -> Result:
 
 
 def _mean_of(found: Mapping[str, Tracked]) -> Choice:
-    """What the mean and the standard deviation of Table IV are of."""
+    """The choice between mean and standard deviation of the signed error and of its size."""
 
-    def words(name: str, sizes: bool) -> str:
-        off = 1e3 * found[name].over((0, 2))
-        off = np.abs(off) if sizes else off
+    def words(name: str, off: Array) -> str:
         (x, y), (u, v) = np.abs(off.mean(axis=0)), off.std(axis=0)
         return f"{name} {x:.2f} and {y:.2f} ± {u:.2f} and {v:.2f} mm"
 
-    of = {sizes: ", ".join(words(law, sizes) for law in TABLE_4) for sizes in (False, True)}
+    signed = {law: 1e3 * found[law].over((0, 2)) for law in TABLE_4}
+    of_signed = ", ".join(words(law, off) for law, off in signed.items())
+    of_sizes = ", ".join(words(law, np.abs(off)) for law, off in signed.items())
     return Choice(
         "mean and standard deviation of what",
-        f"of the signed error: {of[False]}",
-        f"of its size: {of[True]}; of sizes, 3.1 mm at most and 1.5 mm in the mean, none can deviate by the paper's "
+        f"of the signed error: {of_signed}",
+        f"of its size: {of_sizes}; of sizes, 3.1 mm at most and 1.5 mm in the mean, none can deviate by the paper's "
         "2.4 mm",
     )
 

@@ -1,4 +1,4 @@
-"""Numerical validation of torque estimation, Fig. 9, and what resolution buys what torque."""
+"""Numerical validation of torque estimation, Fig. 9, and the torque error against the encoders' resolution."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from hdagen.plant import Arm, Array
 
 PEAK, J_A = 2.0, 0.876  # A, III.B; kg m², Table I
 BENT = (0.4, 0.9)  # rad, assumed: a bent arm
-OTHERS = (0.009, 0.017, 0.061, 0.101)  # s, smoothing tried beside its own
+OTHERS = (0.009, 0.017, 0.061, 0.101)  # s, alternative windows of smoothing
 TIME = np.arange(6500) * PERIOD  # the sine's first period
-LAST = 1.5  # s of the step: then the arm is as fast as its motors can be
+LAST = 1.5  # s of the step, after which the arm is as fast as its motors can be
 COUNTS, BITS = (42, 128, 512, 2048, 4096, 16384), (14, 16, 18, 20)
 DISC_BITS = 18
 
 
 def ratio_of(inner: float, outer: float, rotor: float) -> float:
-    """Torque of joint 1 by that of joint 2 under equal motor torques, rigid joints: ``inner``, ``outer`` inertia of the
-    links about their joints with no mass of their own between them, ``rotor`` N² J_m, kg m²."""
+    """Ratio of the torques of joints 1 and 2 under equal motor torques, with rigid joints. ``inner``, ``outer``:
+    inertia of the links about their joints, without coupling by their masses; ``rotor``: N² J_m; all in kg m²."""
     M = np.array([[inner + outer, outer], [outer, outer]])
     torque = M @ np.linalg.solve(M + rotor * np.eye(2), np.ones(2))
     return float(torque[0] / torque[1])
 
 
 def fig9(bench: Bench) -> Result:
-    """Step and sine currents in both joints, Table I's arm."""
+    """Make Fig. 9: step and sine currents in both joints of Table I's arm."""
     arm = bench.arm(TABLE_1)
     wave = {"step": PEAK * (TIME[TIME < LAST] >= 0.1), "sine": PEAK * np.sin(TIME)}
     runs = {name: _under(arm, current) for name, current in wave.items()}
@@ -43,12 +43,15 @@ def fig9(bench: Bench) -> Result:
     inner, outer = _for_twice(100.0**2 * arm.parameters["motor_inertia_1"])
     lighter = _under(bench.arm(TABLE_1, {"inertia_2": outer}), wave["step"])
     ratio = {"step": _ratio(runs["step"]), "lighter second arm": _ratio(lighter)}
-    parts = [
-        Axes(f"({'ab'[k]}) {name} input, joint {j + 1}", "time (s)", "joint torque (N m)", [
-            Curve("true", runs[name].log.time, runs[name].joint_torque[:, j], color="grey", dash="solid", width=2.4),
-            Curve("estimated", runs[name].log.time, found[name][:, j], color="blue", dash="dashed", width=1.0),
-        ]) for k, name in enumerate(wave) for j in range(2)
-    ]  # fmt: skip
+    parts = []
+    for name, letter in zip(wave, "ab", strict=True):
+        for j in range(2):
+            time, truth = runs[name].log.time, runs[name].joint_torque[:, j]
+            curves = [
+                Curve("true", time, truth, color="grey", dash="solid", width=2.4),
+                Curve("estimated", time, found[name][:, j], color="blue", dash="dashed", width=1.0),
+            ]
+            parts.append(Axes(f"({letter}) {name} input, joint {j + 1}", "time (s)", "joint torque (N m)", curves))
     words = [
         f"{name}: {errors[name][0]:.3f} and {errors[name][1]:.3f} N m of peaks of {peak[name][0]:.2f} and "
         f"{peak[name][1]:.2f}"
@@ -89,7 +92,7 @@ def fig9(bench: Bench) -> Result:
 
 
 def _smoothed(arm: Arm, step: Driven, window: float, fastest: float) -> Choice:
-    """Over what Fig. 9's angles are smoothed, and what other windows give."""
+    """The choice of the window of Fig. 9's smoothing, and the results of other windows."""
     words = []
     for seconds in OTHERS:
         one, two = rms(estimated(arm, step.log, smoothing=seconds).whole - step.joint_torque)
@@ -112,20 +115,20 @@ def modes(arm: Arm, q: Sequence[float]) -> Array:
 
 
 def _under(arm: Arm, current: Array) -> Driven:
-    """The same current in both motors."""
+    """Drive both motors by the same current (T,), A."""
     push = np.zeros((len(current), 2))
     return driven(arm, np.stack([current, current], axis=1), push, BENT)
 
 
 def _ratio(run: Driven) -> float:
-    """Mean torque of joint 1 by that of joint 2, once the step has settled."""
+    """Ratio of the mean torques of joints 1 and 2 once the step has settled."""
     steady = run.log.time > 0.8
     mean = run.joint_torque[steady].mean(axis=0)
     return float(mean[0] / mean[1])
 
 
 def _for_twice(rotor: float) -> tuple[float, float]:
-    """What gives the ratio of two beside J_a: the inner link's inertia, or the outer's, kg m²."""
+    """Inertia of the inner link, or of the outer one, that gives the ratio of two beside J_a, kg m²."""
     from scipy.optimize import brentq
 
     inner = brentq(lambda x: ratio_of(x, J_A, rotor) - 2.0, J_A, 100.0)
@@ -133,14 +136,16 @@ def _for_twice(rotor: float) -> tuple[float, float]:
 
 
 def handled_with(bench: Bench, powered: bool, counts: int, bits: int) -> Driven:
-    """A run of Fig. 15 with ``counts`` a turn at the motors and discs of 2^``bits``."""
+    """Run Fig. 15 with ``counts`` a turn at the motors and discs of 2^``bits``."""
     make = partial(handled, bench, powered, encoders(counts, bits))
     return bench.once(("handled", powered, counts, bits), make)
 
 
 def missed(bench: Bench, run: Driven, counts: int, blind: bool = False) -> Array:
-    """rms error by joint of its estimate, N m; ``blind``: uncompensated, where that has an inverse of the springs."""
-    smoothing = PASSED / HAND if counts >= 512 else HALL_SMOOTHING
+    """rms error of a run's estimate by joint, N m; ``blind``: uncompensated, where the springs' law has an inverse."""
+    smoothing = HALL_SMOOTHING
+    if counts >= 512:
+        smoothing = PASSED / HAND
     rows = run.log.time >= BEGUN
     if blind:
         off = estimated(bench.arm(changes=uncompensated(bench.arm())), run.log, 0.0, smoothing).whole
@@ -150,34 +155,26 @@ def missed(bench: Bench, run: Driven, counts: int, blind: bool = False) -> Array
 
 
 def resolution(bench: Bench) -> Result:
-    """Torque error against the resolution of both encoders."""
+    """Make the figure of the torque error against the resolution of both encoders."""
     runs = {(counts, bits): handled_with(bench, True, counts, bits) for counts in COUNTS for bits in BITS}
     held = {counts: handled_with(bench, False, counts, DISC_BITS) for counts in COUNTS}
-    table = np.array([[missed(bench, runs[counts, bits], counts) for bits in BITS] for counts in COUNTS])
+    every_error = np.array([missed(bench, run, counts) for (counts, _), run in runs.items()])
+    table = every_error.reshape(len(COUNTS), len(BITS), 2)
     still = np.array([missed(bench, run, counts) for counts, run in held.items()])
     plain = np.array([missed(bench, runs[counts, DISC_BITS], counts, blind=True) for counts in COUNTS])
     peak = np.abs(runs[COUNTS[0], DISC_BITS].joint_torque).max(axis=0)
-    parts = [
-        Axes(
-            f"joint {j + 1}",
-            "counts of the motor encoder (1)",
-            "rms error of the torque (N m)",
-            [Curve(f"disc of {_power(bits)}", COUNTS, table[:, column, j]) for column, bits in enumerate(BITS)]
-            + [
-                Curve(f"{_power(DISC_BITS)}, static", COUNTS, still[:, j], color="blue", dash="dotted"),
-                Curve(f"{_power(DISC_BITS)}, uncompensated", COUNTS, plain[:, j], color="ink", dash="dashed"),
-                Curve("5 % of peak", COUNTS, np.full(len(COUNTS), BAR * peak[j]), color="grey", dash="dotted"),
-            ],
-            log_x=True,
-            log_y=True,
-        )
-        for j in range(2)
-    ]
-    enough = [
-        [counts for counts, row in zip(COUNTS, table[:, :, j], strict=True) if row[BITS.index(18)] < BAR * peak[j]]
-        for j in range(2)
-    ]
-    least = [min(good, default=None) for good in enough]
+    parts, least = [], []
+    for j in range(2):
+        curves = [Curve(f"disc of {_power(bits)}", COUNTS, table[:, column, j]) for column, bits in enumerate(BITS)]
+        curves += [
+            Curve(f"{_power(DISC_BITS)}, static", COUNTS, still[:, j], color="blue", dash="dotted"),
+            Curve(f"{_power(DISC_BITS)}, uncompensated", COUNTS, plain[:, j], color="ink", dash="dashed"),
+            Curve("5 % of peak", COUNTS, np.full(len(COUNTS), BAR * peak[j]), color="grey", dash="dotted"),
+        ]
+        labels = "counts of the motor encoder (1)", "rms error of the torque (N m)"
+        parts.append(Axes(f"joint {j + 1}", *labels, curves, log_x=True, log_y=True))
+        enough = table[:, BITS.index(18), j] < BAR * peak[j]
+        least.append(next((counts for counts, good in zip(COUNTS, enough, strict=True) if good), None))
     fine = COUNTS.index(4096)
     claims = [
         Claim(
