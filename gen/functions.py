@@ -186,16 +186,18 @@ def assemble(model: Model) -> Graphs:
         *mechanics.dynamics(model, c),
     ]
     if model.stiff:
-        functions += [
-            Emitted(
-                dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)}), "fastest decay of a stiff state, 1/s"
-            ),
-            Emitted(
-                dense("state_jacobian", xuc, {"by_x": jacobians[0]}),
-                "derivative of the rate by x alone, column by column",
-            ),
-        ]
+        functions += _stiff_functions(model, xuc, jacobians[0])
     return Graphs(model, lanes, chain, exact_chain, holding_chain, constants.preparation(model), c, tuple(functions))
+
+
+def _stiff_functions(model: Model, xuc: dict[str, Any], by_x: Any) -> list[Emitted]:
+    """The functions that the L-stable step needs besides the right-hand side."""
+    stiffness = dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)})
+    jacobian = dense("state_jacobian", xuc, {"by_x": by_x})
+    return [
+        Emitted(stiffness, "fastest decay of a stiff state, 1/s"),
+        Emitted(jacobian, "derivative of the rate by x alone, column by column"),
+    ]
 
 
 # -- lanes ----------------------------------------------------------------------------------------------------------

@@ -73,7 +73,7 @@ class Model:
             return (0,)
         chosen: tuple[int, ...] = {"first": (1,), "last": (self.n,)}.get(effect.joints, tuple(self.joints))
         if effect.port is Port.SERIES:
-            chosen = tuple(j for j in chosen if self._drive(j).compliant)
+            chosen = tuple(j for j in chosen if self.robot.joints[j - 1].drive.compliant)
         return tuple(
             j
             for j in chosen
