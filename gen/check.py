@@ -61,7 +61,7 @@ def _joint(joint: Joint) -> str:
     drive = joint.drive
     limit, kind, given = "none", "springs", "current"
     if joint.limits.torque:
-        unit = {"prismatic": "N"}.get(joint.kind, "N m")
+        unit = "N" if joint.kind == "prismatic" else "N m"
         limit = f"{joint.limits.torque:g} {unit}"
     if drive.rigid:
         kind = "rigid"

@@ -158,7 +158,7 @@ def table(functions: tuple[Emitted, ...], mpc: bool = False) -> str:
         The C text.
 
     """
-    entries = [(f.name, list(f.inputs), list(f.outputs)) for f in functions]
+    entries: list[Any] = [(f.name, f.inputs, f.outputs) for f in functions]
     entries += [(name, list(map(_sized, ins)), list(map(_sized, outs))) for name, ins, outs, _ in STEPS]
     calls, rows = [], []
     for name, ins, outs in entries:

@@ -104,7 +104,7 @@ class Form:
     @property
     def kind(self) -> str:
         """Suffix of the functions of its drives."""
-        return "_exact" * self.exact
+        return "_exact" if self.exact else ""
 
     @property
     def given(self) -> tuple[str, ...]:
