@@ -95,9 +95,9 @@ def _parser() -> argparse.ArgumentParser:
     build.add_argument("--out", type=Path, default=Path("build"), help="where the folder goes (default: build)")
     build.add_argument("--effects", default="", help="effects to add to the model, separated by commas, or all")
     build.add_argument("--mpc", default="", help="add a predictive controller: nodes=20,walls=2,space=tip (or joint)")
-    listed = commands.add_parser("list", help="what is built")
+    listed = commands.add_parser("list", help="list the builds")
     listed.add_argument("--out", type=Path, default=Path("build"))
-    check = commands.add_parser("check", help="validate a robot and say what would be built")
+    check = commands.add_parser("check", help="validate a robot and describe its build")
     check.add_argument("robot", help="a preset or a robot.toml")
     check.add_argument(
         "--profile", choices=("portable", "native"), default="portable", help="of the build that is spoken of"

@@ -32,7 +32,7 @@ from gen.emitted import Emitted, dense
 from gen.model import Model, solve_symmetric
 
 SX = ca.SX
-SQUARINGS, TAYLOR = 50, 6  # of `held_force`: h B/M up to 1e14, what the gains' bounds allow, becomes 0.1
+SQUARINGS, TAYLOR = 50, 6  # of `held_force`: h B/M up to 1e14, the most that the gains' bounds allow, becomes 0.1
 
 COMMON = (
     Parameter("period", "s", 1e-3, 1e-5, 0.1, "time from tick to tick"),
@@ -301,7 +301,7 @@ def impedance_cartesian(model: Model, c: Any) -> Law:
     L = mobility(loop, M_q, J)
     F = L @ (a_d - turn + (seen.force - B * v_e - K * x_e) / M) - seen.force
     push = J.T @ F
-    idle = -loop.g["posture_damping"] * (M_q @ seen.v)  # only what the tip does not feel
+    idle = -loop.g["posture_damping"] * (M_q @ seen.v)  # without the part that the tip feels
     push = push + idle - J.T @ (L @ (J @ _solve(M_q, idle)))
     acceleration = _solve(M_q, push + J.T @ seen.force)
     return loop.finish(c, loop.torque_loop(seen, push + bias, acceleration), memory, [])

@@ -1,7 +1,7 @@
 """C text from CasADi's instruction lists: single assignments, for scalars and for vectors. Pure: text in, text out.
 
-CasADi's own C printer is not used for the product: what is printed here has one plain signature, needs no work
-vectors and prints the same graph over vector types; the tests hold the two printings against each other.
+CasADi's own C printer is not used for the product: the C printed here has one plain signature, needs no work vectors
+and comes over vector types too. The tests hold the two printings against each other.
 """
 
 from __future__ import annotations

@@ -149,9 +149,9 @@ def _check(kinds: tuple[str, ...], drives: tuple[str, ...]) -> None:
         problems.append(f"the Lagrangian is derived for 1 to {MOST_JOINTS} joints, not for {len(kinds)}")
     if drives and len(drives) != len(kinds):
         problems.append(f"{len(drives)} drives are given for {len(kinds)} joints: give one per joint, or none")
-    for what, given, possible in (("kind", kinds, KINDS), ("drive", drives, DRIVES)):
+    for noun, given, possible in (("kind", kinds, KINDS), ("drive", drives, DRIVES)):
         problems += [
-            f"{what} of joint {j} is {one!r}: possible are {', '.join(possible)}"
+            f"{noun} of joint {j} is {one!r}: possible are {', '.join(possible)}"
             for j, one in enumerate(given, start=1)
             if one not in possible
         ]

@@ -1,6 +1,6 @@
 """The arm as one graph: drives in lanes, the chain that joins them, and the effects at their ports.
 
-Legend: x state, u input, p parameters, c constants (p and whatever depends on p alone), z the effects' states;
+Legend: x state, u input, p parameters, c constants (p and all that depends on p alone), z the effects' states;
 θ, ω motor angle and speed; q, v joint position and velocity; i input of the drive; φ torsion; τ joint torque; s
 direction of sliding, −1, 0 (stuck) or 1.
 
@@ -47,7 +47,7 @@ class Model:
         self.by_name = {q.name: self.p[k] for k, q in enumerate(self.quantities)}
         self.inverse = {j: SX.sym(f"inverse_{j}", self.plan.degree + 1) for j in self.flexible}
 
-    # -- what there is ----------------------------------------------------------------------------------------------
+    # -- states and joints -----------------------------------------------------------------------------------------
 
     @property
     def stiff(self) -> bool:

@@ -1,6 +1,6 @@
 """Long polynomials of a lane in vectors twice as wide: even and odd powers side by side halve the operations.
 
-A polynomial is found in the list of instructions, whatever scheme it was written in: constants that follow each other
+A polynomial is found in the list of instructions, in any scheme of evaluation: constants that follow each other
 in c times the powers of one value, all summed up.
 """
 

@@ -242,7 +242,7 @@ def _friction(linear: _Linear) -> tuple[tuple[float, ...], float]:
     """For each joint a bound of the rate that its smooth friction has a part in, and the fastest rate, 1/s.
 
     The bound is the joint's column of |F| in motor speeds, summed. No eigenvalue lies beyond the largest sum and a
-    column goes as 1/width, so widths that bring every sum to what fits do fit. A flexible drive's column has the one
+    column goes as 1/width, so widths that bring every sum to 1/h carry it. A flexible drive's column has the one
     entry level/(J_m width); rigid drives feel each other through the links.
     """
     model = linear.model

@@ -4,7 +4,7 @@ one run.
 The contestants take turns over the same states. Each is called in a loop in C through a pointer, no Python in between,
 and the clock is read in C: in a row (`CALLS` calls between two readings; ratios are made of these, round by round) and
 singly (a reading before and after each call, the clock's own time taken off), which shows the tail that a control loop
-meets. CasADi's own C is what its code generator prints, compiled -O2. Its interpreter is called through CasADi's
+meets. CasADi's own C is printed by its code generator and compiled -O2. Its interpreter is called through CasADi's
 C interface, which copies nothing.
 """
 
