@@ -99,9 +99,9 @@ def jacobians(library: Library) -> str:
 
 
 def statuses() -> list[tuple[int, str]]:
-    """Codes and sentences of hda_mpc.h."""
-    text = (TEMPLATES / "hda_mpc.h").read_text(encoding="utf-8")
-    return [(int(code), words) for code, words in re.findall(r'HDA_STATUS\(\w+, (-?\d+), "([^"]*)"\)', text)]
+    """Codes and sentences of hda_mpc.h; an entry may go on in the next line."""
+    text = (TEMPLATES / "hda_mpc.h").read_text(encoding="utf-8").replace("\\\n", " ")
+    return [(int(code), words) for code, words in re.findall(r'HDA_STATUS\(\w+, (-?\d+),\s*"([^"]*)"\)', text)]
 
 
 def _list(values: Iterable[Any]) -> str:
