@@ -22,8 +22,16 @@ TRACEBACK = "HDAGEN_TRACEBACK"  # environment variable: unforeseen errors show w
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit code: 0 done; 2 a robot, an option, a compiler or a place to write that cannot be used; 4 an error that was
-    not foreseen; 130 interrupted; 141 nobody reads what is printed."""
+    """Run `python -m gen`.
+
+    Args:
+        arguments: The words after the program's name; None takes those of the command line.
+
+    Returns:
+        Exit code: 0 done; 2 a robot, an option, a compiler or a place to write that cannot be used; 4 an error that
+        was not foreseen; 130 interrupted; 141 nobody reads the output.
+
+    """
     try:
         try:
             return _run(_parser().parse_args(arguments))
@@ -40,16 +48,17 @@ def main(arguments: list[str] | None = None) -> int:
     except Exception as error:
         if os.environ.get(TRACEBACK):
             raise
-        what = f"{type(error).__name__}: {(str(error).splitlines() or [''])[0][:300]}"
+        found = f"{type(error).__name__}: {(str(error).splitlines() or [''])[0][:300]}"
         return _ended(
-            4, f"gen met an error that it did not foresee ({what}); {TRACEBACK}=1 in the environment shows where."
+            4, f"gen met an error that it did not foresee ({found}); {TRACEBACK}=1 in the environment shows where."
         )
 
 
 def _ended(code: int, sentence: str) -> int:
-    """Say why a command ends; what standard output does not take is thrown away."""
-    with suppress(OSError, ValueError):
-        print(escaped(sentence), end="\n" if sentence else "", file=sys.stderr, flush=True)
+    """Print why a command ends; output that standard output does not take is thrown away."""
+    if sentence:
+        with suppress(OSError, ValueError):
+            print(escaped(sentence), file=sys.stderr, flush=True)
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -60,7 +69,7 @@ def _ended(code: int, sentence: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """The parser with every command's own."""
+    """The parser of all commands."""
     parser = argparse.ArgumentParser(
         prog="python -m gen",
         description="Generates and compiles robot arms.",
@@ -86,9 +95,9 @@ def _parser() -> argparse.ArgumentParser:
     build.add_argument("--out", type=Path, default=Path("build"), help="where the folder goes (default: build)")
     build.add_argument("--effects", default="", help="effects to add to the model, separated by commas, or all")
     build.add_argument("--mpc", default="", help="add a predictive controller: nodes=20,walls=2,space=tip (or joint)")
-    listed = commands.add_parser("list", help="what is built")
+    listed = commands.add_parser("list", help="list the builds")
     listed.add_argument("--out", type=Path, default=Path("build"))
-    check = commands.add_parser("check", help="validate a robot and say what would be built")
+    check = commands.add_parser("check", help="validate a robot and describe its build")
     check.add_argument("robot", help="a preset or a robot.toml")
     check.add_argument(
         "--profile", choices=("portable", "native"), default="portable", help="of the build that is spoken of"
@@ -105,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Run a command; what it foresees goes to standard error."""
+    """Run a command; problems that it foresees go to standard error."""
     from gen.build import BuildError
     from gen.compile import CompileError
     from gen.mpc.structure import StructureError
@@ -131,7 +140,7 @@ def _time(options: argparse.Namespace) -> int:
 
 def _effects(options: argparse.Namespace) -> tuple[str, ...]:
     names = {name.strip() for name in options.effects.split(",") if name.strip()}
-    if "all" in names:  # but not what changes the drive itself
+    if "all" in names:  # but not the effect that changes the drive itself
         from gen.effects import ALL
 
         names = {effect.name for effect in ALL if effect.name != "missing_compliance"} | names - {"all"}
@@ -144,7 +153,10 @@ def _build(options: argparse.Namespace) -> int:
 
     structure = parse(options.mpc)
     folder, made = build(options.robot, options.profile, options.out, _effects(options), structure)
-    print(f"{'built' if made else 'unchanged'} ({options.profile})", file=sys.stderr)
+    outcome = "unchanged"
+    if made:
+        outcome = "built"
+    print(f"{outcome} ({options.profile})", file=sys.stderr)
     print(folder)
     return 0
 
@@ -188,8 +200,11 @@ def _list(options: argparse.Namespace) -> int:
     from gen.build import listing
 
     rows = list(listing(options.out))
-    for name, what, whole in rows:
-        print(f"{name:44} {what}" if whole else f"{name:44} {what}; `python -m gen build` makes it again")
+    for name, contents, whole in rows:
+        advice = "; `python -m gen build` makes it again"
+        if whole:
+            advice = ""
+        print(f"{name:44} {contents}{advice}")
     if not rows:
         print(f"nothing is built in {options.out}; `python -m gen build` builds the preset `paper`.")
     return 0
@@ -222,7 +237,9 @@ def _check(options: argparse.Namespace) -> int:
     lines, fits = report(options.robot, _effects(options), options.profile, options.out)
     for line in lines:
         print(line)
-    return 0 if fits else 2
+    if not fits:
+        return 2
+    return 0
 
 
 if __name__ == "__main__":

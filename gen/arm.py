@@ -23,7 +23,7 @@ Trig = tuple[Sequence[Any], Sequence[Any]]
 
 @dataclass(frozen=True)
 class Body:
-    """A link with whatever is fixed to it: mass, first moment along x, inertia about the joint's axis."""
+    """A link with everything that is fixed to it: mass, first moment along x, inertia about the joint's axis."""
 
     mass: Any
     moment: Any
@@ -37,13 +37,35 @@ class Chain:
         self.kinds = tuple(kinds)
         self.n = len(self.kinds)
 
+    def is_prismatic(self, j: int) -> bool:
+        """Tell whether a joint slides.
+
+        Args:
+            j: The joint's place, 0 for the first.
+
+        Returns:
+            True where the joint is prismatic, False where it is revolute.
+
+        """
+        return self.kinds[j] == "prismatic"
+
     # -- parameters -------------------------------------------------------------------------------------------------
 
     def _length(self, j: int, p: Parameters) -> Any:
-        return p[f"length_{j + 1}"] if self.kinds[j] == "revolute" else 0
+        if self.is_prismatic(j):
+            return 0
+        return p[f"length_{j + 1}"]
 
     def bodies(self, p: Parameters) -> list[Body]:
-        """The links about their joints' axes; ``tip_mass`` in p (kg, optional) is a point at the end of the last."""
+        """Find the links about their joints' axes.
+
+        Args:
+            p: The parameters by name; ``tip_mass`` (kg, optional) is a point at the end of the last link.
+
+        Returns:
+            The links, base first.
+
+        """
         bodies = []
         for j in range(self.n):
             m, r = p[f"mass_{j + 1}"], p[f"center_of_mass_{j + 1}"]
@@ -57,38 +79,62 @@ class Chain:
     # -- geometry ---------------------------------------------------------------------------------------------------
 
     def trig(self, q: Any) -> Trig:
-        """Sine and cosine of the revolute joints' angles; 0 and 1 for prismatic joints."""
-        turns = [kind == "revolute" for kind in self.kinds]
-        return (
-            [ca.sin(q[j]) if turn else 0 for j, turn in enumerate(turns)],
-            [ca.cos(q[j]) if turn else 1 for j, turn in enumerate(turns)],
-        )
+        """Find sine and cosine of the revolute joints' angles; 0 and 1 for prismatic joints.
+
+        Args:
+            q: Joint positions (n), rad or m.
+
+        Returns:
+            The sines (n) and the cosines (n).
+
+        """
+        sines: list[Any] = [0] * self.n
+        cosines: list[Any] = [1] * self.n
+        for j in range(self.n):
+            if not self.is_prismatic(j):
+                sines[j], cosines[j] = ca.sin(q[j]), ca.cos(q[j])
+        return sines, cosines
 
     def _into(self, j: int, trig: Trig, x: Any, y: Any) -> tuple[Any, Any]:
         """Components in frame j of a vector given in frame j − 1."""
-        if self.kinds[j] == "prismatic":
+        if self.is_prismatic(j):
             return x, y
         s, c = trig[0][j], trig[1][j]
         return c * x + s * y, c * y - s * x
 
     def _out_of(self, j: int, trig: Trig, x: Any, y: Any) -> tuple[Any, Any]:
         """Components in frame j − 1 of a vector given in frame j."""
-        if self.kinds[j] == "prismatic":
+        if self.is_prismatic(j):
             return x, y
         s, c = trig[0][j], trig[1][j]
         return c * x - s * y, s * x + c * y
 
     def _reach(self, j: int, q: Any, p: Parameters) -> Any:
         """Distance from the origin of frame j − 1 to that of frame j, along x of frame j − 1."""
-        before = self._length(j - 1, p) if j > 0 else 0
-        return before + q[j] if self.kinds[j] == "prismatic" else before
+        before = 0
+        if j > 0:
+            before = self._length(j - 1, p)
+        if self.is_prismatic(j):
+            return before + q[j]
+        return before
 
     def points(self, q: Any, p: Parameters) -> Any:
-        """(n + 1) × 2: the joints' origins and the tip, in the base frame, m."""
+        """Find where the joints and the tip are.
+
+        Args:
+            q: Joint positions (n), rad or m.
+            p: The parameters by name.
+
+        Returns:
+            Origins of the joints, then the tip ((n + 1) × 2), in the base frame, m.
+
+        """
         trig = self.trig(q)
         rows = []
         for end in range(self.n + 1):
-            x, y = (0, 0) if end < self.n else (self._length(self.n - 1, p), 0)
+            x, y = 0, 0
+            if end == self.n:
+                x = self._length(self.n - 1, p)
             for j in reversed(range(min(end + 1, self.n))):
                 x, y = self._out_of(j, trig, x, y)
                 x = x + self._reach(j, q, p)
@@ -96,11 +142,29 @@ class Chain:
         return ca.vertcat(*rows)
 
     def tip(self, q: Any, p: Parameters) -> Any:
-        """Position of the tip in the base frame, m (2)."""
+        """Find where the tip is.
+
+        Args:
+            q: Joint positions (n), rad or m.
+            p: The parameters by name.
+
+        Returns:
+            The tip in the base frame (2), m.
+
+        """
         return self.points(q, p)[self.n, :].T
 
     def jacobian(self, q: Any, p: Parameters) -> Any:
-        """∂tip/∂q (2 × n), base frame."""
+        """Find the Jacobian of the tip.
+
+        Args:
+            q: Joint positions (n), rad or m.
+            p: The parameters by name.
+
+        Returns:
+            ∂tip/∂q (2 × n) in the base frame.
+
+        """
         trig = self.trig(q)
         columns = []
         for j in range(self.n):
@@ -108,16 +172,30 @@ class Chain:
             for k in reversed(range(j + 1, self.n)):  # the tip as seen from the origin of frame j
                 x, y = self._out_of(k, trig, x, y)
                 x = x + self._reach(k, q, p)
-            x, y = (-y, x) if self.kinds[j] == "revolute" else (1, 0)
+            if self.is_prismatic(j):
+                x, y = 1, 0
+            else:
+                x, y = -y, x
             for k in reversed(range(j + 1)):
                 x, y = self._out_of(k, trig, x, y)
             columns.append(ca.vertcat(x, y))
         return ca.horzcat(*columns)
 
     def branches(self, point: Any, p: Parameters) -> Any:
-        """Both inverse branches of the two-revolute arm, paper (21) corrected: columns elbow down (q2 ≥ 0), elbow up.
+        """Find both inverse branches of the arm of two revolute joints, paper (21) corrected.
 
         Out of reach the cosine is outside [−1, 1] and every entry is NaN, so no posture is ever invented.
+
+        Args:
+            point: The point to reach in the base frame (2), m.
+            p: The parameters by name.
+
+        Returns:
+            Joint angles (2 × 2), rad: a column with the elbow down (q2 ≥ 0), and one with the elbow up.
+
+        Raises:
+            ValueError: The arm is another one.
+
         """
         if self.kinds != ("revolute", "revolute"):
             raise ValueError("the closed inverse is that of two revolute joints")
@@ -134,7 +212,21 @@ class Chain:
     def recursion(
         self, q: Any, v: Any, a: Any, p: Parameters, gravity: Any, force: Any = (0, 0), trig: Trig | None = None
     ) -> Any:
-        """Joint torques M a + C v + g − Jᵀ F (n), F the force of the world on the tip in the base frame, N."""
+        """Find the joint torques of a motion by the recursion of Newton and Euler.
+
+        Args:
+            q: Joint positions (n), rad or m.
+            v: Joint velocities (n).
+            a: Joint accelerations (n).
+            p: The parameters by name.
+            gravity: Gravity in the base frame (2), m/s².
+            force: Force F of the world on the tip in the base frame (2), N.
+            trig: Sine and cosine of the joints' angles (`trig`); None makes them from q.
+
+        Returns:
+            M a + C v + g − Jᵀ F (n), N m or N.
+
+        """
         trig = trig or self.trig(q)
         bodies = self.bodies(p)
         spin, spun = 0, 0  # angular velocity and acceleration of the frame
@@ -147,7 +239,7 @@ class Chain:
                 ax - spin * spin * reach,
                 ay + spun * reach,
             )  # acceleration of the origin of frame j, in frame j − 1
-            if self.kinds[j] == "prismatic":
+            if self.is_prismatic(j):
                 ax, ay = ax + a[j], ay + 2 * spin * v[j]
             else:
                 spin, spun = spin + v[j], spun + a[j]
@@ -164,13 +256,29 @@ class Chain:
         torques: list[Any] = []
         for j in reversed(range(self.n)):
             px, py, pn = px + pulls[j][0], py + pulls[j][1], pn + pulls[j][2]
-            torques.append(pn if self.kinds[j] == "revolute" else px)
+            torques.append(self._along_joint(j, px, pn))
             px, py = self._out_of(j, trig, px, py)
             pn = pn + self._reach(j, q, p) * py
         return ca.vertcat(*reversed(torques))
 
+    def _along_joint(self, j: int, force: Any, moment: Any) -> Any:
+        """The component that a joint feels, of a force along x and a moment about its axis."""
+        if self.is_prismatic(j):
+            return force
+        return moment
+
     def mass_matrix(self, q: Any, p: Parameters, trig: Trig | None = None) -> Any:
-        """M(q) of the links (n × n), by composite bodies; reflected rotors are not in it."""
+        """Find the mass matrix of the links by composite bodies; reflected rotors are not in it.
+
+        Args:
+            q: Joint positions (n), rad or m.
+            p: The parameters by name.
+            trig: Sine and cosine of the joints' angles (`trig`); None makes them from q.
+
+        Returns:
+            M(q) (n × n), kg m² or kg.
+
+        """
         trig = trig or self.trig(q)
         bodies = self.bodies(p)
         M = ca.SX.zeros(self.n, self.n)
@@ -178,12 +286,15 @@ class Chain:
         for j in reversed(range(self.n)):
             mass, hx, inertia = mass + bodies[j].mass, hx + bodies[j].moment, inertia + bodies[j].inertia
             # force and moment that accelerate the composite body along joint j
-            fx, fy, moment = (-hy, hx, inertia) if self.kinds[j] == "revolute" else (mass, 0, -hy)
-            M[j, j] = moment if self.kinds[j] == "revolute" else fx
+            if self.is_prismatic(j):
+                fx, fy, moment = mass, 0, -hy
+            else:
+                fx, fy, moment = -hy, hx, inertia
+            M[j, j] = self._along_joint(j, fx, moment)
             for k in reversed(range(j)):
                 fx, fy = self._out_of(k + 1, trig, fx, fy)
                 moment = moment + self._reach(k + 1, q, p) * fy
-                M[k, j] = M[j, k] = moment if self.kinds[k] == "revolute" else fx
+                M[k, j] = M[j, k] = self._along_joint(k, fx, moment)
             if j > 0:
                 hx, hy = self._out_of(j, trig, hx, hy)
                 reach = self._reach(j, q, p)
@@ -192,16 +303,45 @@ class Chain:
         return M
 
     def gravity(self, q: Any, p: Parameters) -> Any:
-        """g(q) (n): the torque that holds the arm at rest."""
+        """Find the torque that holds the arm at rest.
+
+        Args:
+            q: Joint positions (n), rad or m.
+            p: The parameters by name.
+
+        Returns:
+            g(q) (n), N m or N.
+
+        """
         zero = [0] * self.n
         return self.recursion(q, zero, zero, p, (p["gravity_x"], p["gravity_y"]))
 
     def bias(self, q: Any, v: Any, p: Parameters) -> Any:
-        """C(q, v) v + g(q) (n)."""
+        """Find the torque of a motion without acceleration.
+
+        Args:
+            q: Joint positions (n), rad or m.
+            v: Joint velocities (n).
+            p: The parameters by name.
+
+        Returns:
+            C(q, v) v + g(q) (n), N m or N.
+
+        """
         return self.recursion(q, v, [0] * self.n, p, (p["gravity_x"], p["gravity_y"]))
 
     def coriolis_matrix(self, q: Any, v: Any, p: Parameters) -> Any:
-        """C(q, v) (n × n) by Christoffel symbols, so that dM/dt − 2C is skew."""
+        """Find the Coriolis matrix by Christoffel symbols, so that dM/dt − 2C is skew.
+
+        Args:
+            q: Joint positions (n), rad or m.
+            v: Joint velocities (n).
+            p: The parameters by name.
+
+        Returns:
+            C(q, v) (n × n).
+
+        """
         M = self.mass_matrix(q, p)
         slopes = [ca.reshape(ca.jacobian(ca.vec(M), q[k]), self.n, self.n) for k in range(self.n)]
         C = ca.SX.zeros(self.n, self.n)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gen.stability import Examination
 
 HERE = Path(__file__).parent
-OBJECTS = ".objects"  # beside the builds: what robots of the same structure share
+OBJECTS = ".objects"  # beside the builds: compiled objects that robots of the same structure share
 PART = ".part-"  # begins the names of folders that are being made or thrown away
 DAMAGE = (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError)  # of a manifest that is not ours
 
@@ -42,14 +42,32 @@ class BuildError(Exception):
 
 
 def key(robot: bytes, profile: str, extra: tuple[str, ...], mpc: Structure | None = None) -> str:
-    """Hash of all that decides the outcome: robot, added effects, the predictive controller, gen's files, versions,
-    compiler, flags, processor."""
+    """Name a build by everything that decides its content.
+
+    Args:
+        robot: The robot file as read.
+        profile: ``portable`` or ``native``.
+        extra: Names of the effects to add, sorted.
+        mpc: Structure of the predictive controller; None leaves it out.
+
+    Returns:
+        A hash of these and of gen's files, versions, compiler, flags and processor.
+
+    Raises:
+        BuildError: A package that a build needs is missing.
+        CompileError: There is no compiler.
+
+    """
     digest = hashlib.sha256()
     parts = [robot, profile.encode(), " ".join(extra).encode(), " ".join(compiler.flags(profile)).encode()]
     parts += [compiler.find().version.encode(), sys.platform.encode(), platform.machine().encode()]
     parts += [_version("casadi").encode(), _version("numpy").encode()]
-    parts += [" ".join(compiler.cpu_flags()).encode() if profile == "native" else b""]
-    parts += [mpc.text.encode(), _version("osqp").encode()] if mpc else []
+    processor = b""
+    if profile == "native":
+        processor = " ".join(compiler.cpu_flags()).encode()
+    parts.append(processor)
+    if mpc:
+        parts += [mpc.text.encode(), _version("osqp").encode()]
     for part in (*parts, *_sources(HERE)):
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
@@ -79,23 +97,56 @@ def _version(package: str) -> str:
 def place(
     source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
 ) -> tuple[Path, str, bytes]:
-    """The folder of a build, its hash, and the robot file as read. Raises RobotError, CompileError, BuildError."""
+    """Find the place of a build.
+
+    Args:
+        source: A preset's name or the path of a robot.toml.
+        profile: ``portable`` or ``native``.
+        out: The folder of all builds.
+        extra: Names of the effects to add, sorted.
+        mpc: Structure of the predictive controller; None leaves it out.
+
+    Returns:
+        The folder of the build, its hash, and the robot file as read.
+
+    Raises:
+        RobotError: The robot file cannot be read.
+        CompileError: There is no compiler.
+        BuildError: A package that a build needs is missing.
+
+    """
     label = labelled(source)
     content = read_robot(presets().get(source, Path(source)), label)
     stated = parse_robot(content, label).get("name")
+    if not isinstance(stated, str):
+        stated = "arm"
     name = key(content, profile, extra, mpc)
-    return out / f"{slug(stated if isinstance(stated, str) else 'arm')}-{name}", name, content
+    return out / f"{slug(stated)}-{name}", name, content
 
 
 def build(
     source: str, profile: str, out: Path, extra: tuple[str, ...] = (), mpc: Structure | None = None
 ) -> tuple[Path, bool]:
-    """Build the robot (preset or path) with ``extra`` effects added, and with a predictive controller where ``mpc``
-    says
-    which; returns the folder and whether anything was made.
+    """Build a robot.
 
     An intact build is used as it is; a damaged one, or one that another user may have written, is put aside and made
-    again. Raises RobotError, CompileError, BuildError.
+    again.
+
+    Args:
+        source: A preset's name or the path of a robot.toml.
+        profile: ``portable`` or ``native``.
+        out: The folder of all builds.
+        extra: Names of the effects to add.
+        mpc: Structure of the predictive controller; None leaves it out.
+
+    Returns:
+        The folder of the build, and whether it was made just now.
+
+    Raises:
+        RobotError: The robot file cannot be used.
+        CompileError: There is no compiler, or it failed.
+        BuildError: The build cannot be made or kept.
+
     """
     extra = tuple(sorted(set(extra)))
     folder, name, content = place(source, profile, out, extra, mpc)
@@ -131,10 +182,21 @@ def build(
 
 
 def assembled(source: str, robot: Robot, extra: tuple[str, ...]) -> tuple[Library, tuple[Effect, ...], Examination]:
-    """Everything to be emitted, the effects in them, and whether the robot's step carries them; of
-    `missing_compliance@2` the spring of joint 2 alone, of `missing_compliance` those of all rigid drives.
+    """Assemble everything that a build emits.
 
-    Raises BuildError where there is no such effect, RobotError where the parameters give no model.
+    Args:
+        source: The robot's name in errors.
+        robot: The robot description.
+        extra: Names of the effects to add; ``missing_compliance@2`` gives joint 2 a spring, ``missing_compliance``
+            every rigid drive.
+
+    Returns:
+        The functions to emit, the effects in them, and the examination of the robot's step.
+
+    Raises:
+        BuildError: There is no such effect.
+        RobotError: The parameters give no model.
+
     """
     from gen import stability  # casadi, which an intact build does not need
     from gen.compliant import compliant, springs
@@ -168,13 +230,15 @@ def _make(
     from gen import sources
 
     library = f"hda_{name}.so"
-    how = {
+    how: dict[str, Any] = {
         "profile": profile,
         "compiler": compiler.find().version,
         "flags": compiler.flags(profile),
-        "cpu": compiler.cpu_flags() if profile == "native" else (),
+        "cpu": (),
         "library": library,
     }
+    if profile == "native":
+        how["cpu"] = compiler.cpu_flags()
     files = sources.texts(made, effects, name, how, profile == "native", mpc)
     part = folder.with_name(f".{folder.name}{PART}{os.getpid()}")
     aside = part.with_name(f"{part.name}-old")
@@ -183,14 +247,16 @@ def _make(
         for file, text in files.items():
             (part / file).write_text(text, encoding="utf-8", newline="\n")
         compiled = sorted(f for f in files if f.endswith(".c") and not f.startswith("example"))
-        kept = folder.parent / OBJECTS
-        compiler.library(part, compiled, profile, library, None if find_other_writer(kept) else kept)
+        kept: Path | None = folder.parent / OBJECTS
+        if find_other_writer(folder.parent / OBJECTS):
+            kept = None
+        compiler.library(part, compiled, profile, library, kept)
         manifest = json.loads(files["manifest.json"])
         manifest["files"] = {f.name: _hash(f) for f in sorted(part.iterdir()) if f.name != "manifest.json"}
         manifest["seal"] = seal(manifest)
         (part / "manifest.json").write_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n")
         for path in part.iterdir():
-            path.chmod(path.stat().st_mode & ~0o022)  # whatever the umask: what others may write is not loaded
+            path.chmod(path.stat().st_mode & ~0o022)  # whatever the umask: files that others may write are not loaded
             _sync(path)
         _sync(part)
         if os.path.lexists(folder):
@@ -203,13 +269,30 @@ def _make(
 
 
 def seal(manifest: dict[str, Any]) -> str:
-    """Hash of everything else in a manifest: against damage, not against someone who may write in the folder."""
+    """Hash a manifest: against damage, not against someone who may write in the folder.
+
+    Args:
+        manifest: The manifest.
+
+    Returns:
+        The hash of everything but its seal.
+
+    """
     rest = {name: value for name, value in manifest.items() if name != "seal"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def intact(folder: Path, name: str) -> bool:
-    """Whether the folder is a complete build of that name with every file as it was written, by nobody else."""
+    """Tell whether a folder is a complete build with every file as it was written, by nobody else.
+
+    Args:
+        folder: The folder.
+        name: The hash of the build (`key`).
+
+    Returns:
+        True where it is; a folder that cannot be read counts as damaged.
+
+    """
     try:
         manifest = json.loads((folder / "manifest.json").read_text())
         files, library = manifest["files"], manifest["library"]
@@ -228,17 +311,26 @@ def intact(folder: Path, name: str) -> bool:
 
 
 def listing(out: Path) -> Iterator[tuple[str, str, bool]]:
-    """(folder, what it is, intact) of every build."""
-    for folder in sorted(out.iterdir()) if out.is_dir() else []:
+    """List the builds in a folder.
+
+    Args:
+        out: The folder of all builds.
+
+    Yields:
+        The build's folder, a description of its content, and whether it is intact.
+
+    """
+    if not out.is_dir():
+        return
+    for folder in sorted(out.iterdir()):
         if folder.is_dir() and not folder.name.startswith("."):
-            name = folder.name.rpartition("-")[2]
-            whole = intact(folder, name)
-            what = "not a complete build"
+            whole = intact(folder, folder.name.rpartition("-")[2])
+            content = "not a complete build"
             if whole:
                 m = json.loads((folder / "manifest.json").read_text())
                 joints, states = len(m["robot"]["joints"]), len(m["state"])
-                what = f"{m['robot']['name']}: {joints} joint{'s' * (joints > 1)}, {states} states, {m['profile']}"
-            yield folder.name, what, whole
+                content = f"{m['robot']['name']}: {joints} joint{'s' * (joints > 1)}, {states} states, {m['profile']}"
+            yield folder.name, content, whole
 
 
 def _hash(path: Path) -> str:

@@ -45,21 +45,39 @@ CATALOGUE: dict[str, Gear] = {
 }
 
 
+# The springs' values in robot.toml, in the order of `drive_laws`.
+SPRING_KEYS = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
 SHEET = ("T1", "T2", "K1", "K2", "K3")  # the keys of a data sheet in robot.toml
 LINEAR = 1e-6  # c_f, 1/(N m): as good as none
 
 
 def steepest(T1: float, T2: float) -> float:
-    """K2 / K1 from which on the flexspline's law would have no stiffness at no torque."""
+    """Find the ratio K2 / K1 from which on the flexspline's law would have no stiffness at no torque.
+
+    Args:
+        T1: Torque at which K1 ends, N m.
+        T2: Torque at which K2 ends, N m.
+
+    Returns:
+        The ratio.
+
+    """
     low, middle = (T1 / 2) ** 2, ((T1 + T2) / 2) ** 2
     return middle / low
 
 
 def drive_laws(gear: Gear) -> tuple[float, float, float, float]:
-    """(K_f0 N m/rad, c_f 1/(N m), K_w0 N m/rad, c_w 1/(N m)): flexspline, wave generator from catalogue numbers alone.
+    """Find the laws of the springs from catalogue numbers alone.
 
     The flexspline's stiffness K_f0 (1 + (c_f τ)²), (9) corrected, passes through K1 and K2 at the mid-torques T1/2 and
     (T1 + T2)/2 of their regions, (28) corrected; the wave generator has (29) and (31).
+
+    Args:
+        gear: The gear.
+
+    Returns:
+        K_f0, N m/rad, and c_f, 1/(N m), of the flexspline; K_w0, N m/rad, and c_w, 1/(N m), of the wave generator.
+
     """
     low, middle = (gear.T1 / 2) ** 2, ((gear.T1 + gear.T2) / 2) ** 2
     slope = (gear.K2 - gear.K1) / (middle - low)

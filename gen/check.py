@@ -1,4 +1,4 @@
-"""`python -m gen check`: what a robot file describes, what a build of it would be, and whether its step carries it."""
+"""`python -m gen check`: the contents of a robot file, the build that it gives, and whether its step carries it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,22 @@ from gen.robot import Joint, load
 def report(
     source: str, extra: tuple[str, ...] = (), profile: str = "portable", out: Path = Path("build")
 ) -> tuple[list[str], bool]:
-    """Lines to print, and whether `gen build` would build the robot. Raises RobotError, BuildError."""
+    """Describe a robot file and the build that it would give.
+
+    Args:
+        source: A preset's name or the path of a robot.toml.
+        extra: Names of the effects to add.
+        profile: ``portable`` or ``native``.
+        out: The folder of all builds.
+
+    Returns:
+        Lines to print, and whether `gen build` would build the robot.
+
+    Raises:
+        RobotError: The robot file cannot be used.
+        BuildError: There is no such effect.
+
+    """
     robot = load(source)
     made, effects, examined = build.assembled(source, robot, tuple(sorted(set(extra))))
     model = made.graphs.model
@@ -25,28 +40,39 @@ def report(
     lines += [f"  joint {number}  {_joint(joint)}" for number, joint in enumerate(robot.joints, 1)]
     lines += [f"  effect   {_effect(model, effect)}" for effect in effects]
     if model.flexible:
-        corrected = f" and {model.plan.corrections} corrections" if model.plan.corrections else ""
+        corrected = ""
+        if model.plan.corrections:
+            corrected = f" and {model.plan.corrections} corrections"
         lines.append(
             f"  springs  inverse within {ERROR:g} rad by a polynomial of degree {model.plan.degree}{corrected}"
         )
-    method = "L-stable (RODAS), as a memory is stiff" if model.stiff else "RK4"
+    method = "RK4"
+    if model.stiff:
+        method = "L-stable (RODAS), as a memory is stiff"
     lines.append(f"  step     {robot.step:g} s, {method}")
     lines += [f"  {line}" for line in examined.lines()]
     refused = examined.refusals(source)
-    return lines + refused + ([] if refused else [_folder(source, profile, out, extra)]), not refused
+    if refused:
+        return lines + refused, False
+    return [*lines, _folder(source, profile, out, extra)], True
 
 
 def _joint(joint: Joint) -> str:
     drive = joint.drive
-    torque = f"{joint.limits.torque:g} {'N' if joint.kind == 'prismatic' else 'N m'}" if joint.limits.torque else "none"
-    kind = "rigid" if drive.rigid else "springs"
-    given = "torque" if drive.torque_constant is None else "current"
-    return f"{joint.kind}, {kind}, ratio {drive.ratio.nominal:g}, input {given}, torque limit {torque}"
+    limit, kind, given = "none", "springs", "current"
+    if joint.limits.torque:
+        unit = "N" if joint.kind == "prismatic" else "N m"
+        limit = f"{joint.limits.torque:g} {unit}"
+    if drive.rigid:
+        kind = "rigid"
+    if drive.torque_constant is None:
+        given = "torque"
+    return f"{joint.kind}, {kind}, ratio {drive.ratio.nominal:g}, input {given}, torque limit {limit}"
 
 
 def _effect(model: Model, effect: Effect) -> str:
     at = ", ".join(str(j) for j in model.applies(effect))
-    where = {"0": "arm"}.get(at, f"joint {at}" if at else "no joint")
+    where = {"0": "arm", "": "no joint"}.get(at, f"joint {at}")
     return f"{effect.name} ({effect.port.place}, {where}): {effect.citation}"
 
 
@@ -55,5 +81,6 @@ def _folder(source: str, profile: str, out: Path, extra: tuple[str, ...]) -> str
         folder, name, _ = build.place(source, profile, out, extra)
     except CompileError as error:
         return f"cannot be built here: {error}"
-    there = "is there" if build.intact(folder, name) else "would be made"
-    return f"{folder} ({profile}) {there}"
+    if build.intact(folder, name):
+        return f"{folder} ({profile}) is there"
+    return f"{folder} ({profile}) would be made"

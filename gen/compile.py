@@ -31,7 +31,7 @@ INSTRUCTIONS = """
 ssse3 sse4_1 sse4_2 popcnt abm movbe adx f16c fma fma4 bmi1 bmi2 avx avx2 avx_vnni gfni vaes avx512f avx512cd avx512dq
 avx512bw avx512vl avx512ifma avx512vbmi avx512_vbmi2 avx512_vnni avx512_bitalg avx512_vpopcntdq avx512_bf16 avx512_fp16
 asimd asimdhp asimddp fphp sve sve2
-"""  # what compilers choose from under -march=native, in the words of /proc/cpuinfo
+"""  # the sets from which compilers choose under -march=native, as /proc/cpuinfo names them
 
 
 EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)  # not the compiler's fault
@@ -43,7 +43,7 @@ class CompileError(Exception):
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler: the command and what it says of itself."""
+    """A C compiler: its command, and the version that it prints."""
 
     command: tuple[str, ...]
     version: str
@@ -51,7 +51,15 @@ class Compiler:
 
 @cache
 def find() -> Compiler:
-    """The compiler named by $CC, else cc, gcc, clang, else the wheel of the `cc` extra. Raises CompileError."""
+    """Find the C compiler: the one named by $CC, else cc, gcc or clang, else the wheel of the `cc` extra.
+
+    Returns:
+        The compiler.
+
+    Raises:
+        CompileError: There is none that works.
+
+    """
     named = os.environ.get("CC", "").strip()
     if named:
         try:
@@ -77,7 +85,7 @@ def find() -> Compiler:
 
 
 def _ask(command: tuple[str, ...]) -> tuple[str, str]:
-    """What a compiler says of its version (empty where it is none), and else why it is none."""
+    """The version that a compiler prints, empty where the command is no compiler; then the reason follows."""
     if shutil.which(command[0]) is None:
         return "", "there is no such program"
     asked = shlex.join((*command, "--version"))
@@ -92,13 +100,20 @@ def _ask(command: tuple[str, ...]) -> tuple[str, str]:
         return "", f"`{asked}`: {error}"
     lines = done.stdout.strip().splitlines()
     if done.returncode or not lines:
-        words = f" and said {done.stderr.strip()[-1000:]}" if done.stderr.strip() else ""
+        words = ""
+        if done.stderr.strip():
+            words = f" and said {done.stderr.strip()[-1000:]}"
         return "", f"`{asked}` ended with code {done.returncode}{words}"
     return lines[0], ""
 
 
 def cpu_flags() -> tuple[str, ...]:
-    """The instructions of this processor that a native library may use; empty where /proc/cpuinfo does not tell."""
+    """List the instruction sets of this processor that a native library may use.
+
+    Returns:
+        Their names in /proc/cpuinfo, sorted; empty where that file does not name them.
+
+    """
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:
@@ -110,17 +125,36 @@ def cpu_flags() -> tuple[str, ...]:
 
 
 def flags(profile: str) -> tuple[str, ...]:
-    """The flags of a profile."""
+    """List the compiler's flags.
+
+    Args:
+        profile: ``portable`` or ``native``.
+
+    Returns:
+        The flags of every profile, then its own.
+
+    """
     return (*COMMON, *PROFILES[profile])
 
 
 def library(folder: Path, sources: list[str], profile: str, name: str, kept: Path | None) -> None:
-    """Compile the sources in folder, two at a time, and link them into folder/name; objects are removed.
+    """Compile sources, two at a time, and link them into a library; the objects are removed.
 
-    What was compiled before, for a robot of the same structure, is taken from the folder ``kept``, if there is one.
+    Args:
+        folder: Where the sources lie, and where the library goes.
+        sources: File names of the C sources.
+        profile: ``portable`` or ``native``.
+        name: File name of the library.
+        kept: Folder of the objects that were compiled before for robots of the same structure; None keeps none.
+
+    Raises:
+        CompileError: There is no compiler, or it failed.
+
     """
     made = [source.replace(".c", ".o") for source in sources]
-    shared = ("-dynamiclib", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
+    shared: tuple[str, ...] = ("-shared",)
+    if sys.platform == "darwin":
+        shared = ("-dynamiclib", "-undefined", "dynamic_lookup")
     link = (*find().command, *shared, "-o", name, *made, "-lm")
     pool, over = ThreadPoolExecutor(max_workers=2), Event()
     with _interrupt_sets(over), _process_group() as group:
@@ -132,7 +166,7 @@ def library(folder: Path, sources: list[str], profile: str, name: str, kept: Pat
                 done.result()
             _run(link, folder / name, over, group)
         finally:
-            over.set()  # after an error nothing more is begun, and what runs is ended
+            over.set()  # after an error nothing more is begun, and running compilers are ended
             pool.shutdown(cancel_futures=True)
     for o in made:
         (folder / o).unlink()
@@ -140,8 +174,11 @@ def library(folder: Path, sources: list[str], profile: str, name: str, kept: Pat
 
 @contextmanager
 def _process_group() -> Iterator[int]:
-    """The number of a process group for compilers and all that they start. It is killed when the block ends, and when
-    this process dies without a word: a shell in it waits for the end of a pipe that only this process holds."""
+    """The number of a process group for compilers and all that they start.
+
+    The group is killed when the block ends, and when this process dies without a word: a shell in it waits for the end
+    of a pipe that only this process holds.
+    """
     watch = subprocess.Popen(("/bin/sh", "-c", "read -r end; kill -9 0"), stdin=subprocess.PIPE, process_group=0)
     with watch:
         try:
@@ -153,8 +190,10 @@ def _process_group() -> Iterator[int]:
 
 @contextmanager
 def _interrupt_sets(over: Event) -> Iterator[None]:
-    """An interrupt sets ``over`` at once and is raised at the end: raised amid what threads share, it could leave a
-    lock that all the others wait for."""
+    """Let an interrupt set ``over`` at once, and raise it at the end of the block.
+
+    Raised in the middle of work that threads share, it could leave a lock for which all the others wait.
+    """
     heard = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or heard is not signal.default_int_handler:
         yield
@@ -175,26 +214,42 @@ def _interrupt_sets(over: Event) -> Iterator[None]:
 
 
 def _object(folder: Path, source: str, profile: str, kept: Path | None, over: Event, group: int) -> None:
-    """The object of one source in folder, as kept or compiled and then kept; CompileError once it is all over."""
+    """Make the object of one source in folder: fetched, or compiled and then kept. Raises CompileError once it is all
+    over."""
     compiler = find()
     start = (*compiler.command, *flags(profile))
     plain = folder / source.replace(".c", ".i")
     _run((*start, "-E", "-P", source, "-o", plain.name), plain, over, group)
-    processor = " ".join(cpu_flags()) if profile == "native" else ""
+    processor = ""
+    if profile == "native":
+        processor = " ".join(cpu_flags())
     name = objects.key(plain.read_bytes(), start, f"{compiler.version} {processor}")
     plain.unlink()
     made = folder / source.replace(".c", ".o")
-    content = objects.fetch(kept, name) if kept else None
-    if content is not None:
-        made.write_bytes(content)
+    compilation = (*start, "-c", source, "-o", made.name)
+    if kept is None:
+        _run(compilation, made, over, group)
         return
-    _run((*start, "-c", source, "-o", made.name), made, over, group)
-    if kept:
+    content = objects.fetch(kept, name)
+    if content is None:
+        _run(compilation, made, over, group)
         objects.keep(kept, name, made.read_bytes())
+    else:
+        made.write_bytes(content)
 
 
 def plain_library(folder: Path, sources: list[str], name: str) -> None:
-    """A library of C that is not ours, compiled -O2 without further flags, to be timed against."""
+    """Compile a library of foreign C with -O2 and no further flags, to be timed against.
+
+    Args:
+        folder: Where the sources lie, and where the library goes.
+        sources: File names of the C sources.
+        name: File name of the library.
+
+    Raises:
+        CompileError: There is no compiler, or it failed.
+
+    """
     command = (*find().command, "-O2", "-fPIC", "-shared", "-o", name, *sources, "-lm")
     with _process_group() as group:
         _run(command, folder / name, Event(), group)
@@ -215,8 +270,11 @@ def _run(command: tuple[str, ...], result: Path, over: Event, group: int) -> Non
 
 
 def _ended(command: tuple[str, ...], folder: Path, over: Event, group: int) -> tuple[int, str]:
-    """The code with which the command ended in the folder, and the end of its words. Once ``over`` is set it is ended
-    (CompileError): the interrupt of a terminal does not reach a program that is being started just then."""
+    """The code with which the command ended in the folder, and the end of its words.
+
+    Once ``over`` is set, the command is ended (CompileError): the interrupt of a terminal does not reach a program that
+    is being started just then.
+    """
     until = time.monotonic() + PATIENCE
     with subprocess.Popen(
         command,

@@ -1,10 +1,9 @@
-"""Compliance laws: impedance (25) and admittance (26), in Cartesian and joint space, and a position law, each as one
-tick.
+"""Compliance laws, each as one tick: impedance (25) and admittance (26) at the tip and at the joints, and positions.
 
 Legend: x tip position, x_d desired, x_e = x − x_d; M, B, K the wanted mass, damping, stiffness; F_e force of the
 world on the tip; Λ = (J M_q⁻¹ Jᵀ)⁻¹ the tip's inertia (the paper's m); q joint, θ motor angle; φ torsion; τ joint
-torque; T motor torque; r what the disturbance observer says pushes the rotor besides T and τ/N, above all dry
-friction; h period.
+torque; T motor torque; r the disturbance observer's estimate of all that pushes the rotor besides T and τ/N, above all
+dry friction; h period.
 
 The outer laws ask for a joint acceleration. The inner loops give it to a flexible, sticking drive:
 
@@ -21,7 +20,7 @@ Int. J. Robot. Res. 26 (2007) 23 for the torque loop; Le Tien et al., IROS 2008 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +32,7 @@ from gen.emitted import Emitted, dense
 from gen.model import Model, solve_symmetric
 
 SX = ca.SX
-SQUARINGS, TAYLOR = 50, 6  # of `held_force`: h B/M up to 1e14, what the gains' bounds allow, becomes 0.1
+SQUARINGS, TAYLOR = 50, 6  # of `held_force`: h B/M up to 1e14, the most that the gains' bounds allow, becomes 0.1
 
 COMMON = (
     Parameter("period", "s", 1e-3, 1e-5, 0.1, "time from tick to tick"),
@@ -61,21 +60,17 @@ class Law:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a tick knows of the arm: angles, filtered speeds, torsion and the torque estimated from it (None for rigid
-    drives)."""
+    """The arm as a tick knows it; torsions and the torques estimated from them are None for rigid drives."""
 
-    theta: Any
-    q: Any
-    omega: Any
-    v: Any
-    phi: list[Any]
-    phi_rate: list[Any]
-    torque: list[Any]
-    force: Any
-    r: list[Any]
-
-
-Outer = Callable[["Loop", Seen], tuple[list[Any], Any]]
+    theta: Any  # motor angles, rad
+    q: Any  # joint positions, rad or m
+    omega: Any  # filtered motor speeds, rad/s
+    v: Any  # filtered joint velocities
+    phi: list[Any]  # torsions, rad
+    phi_rate: list[Any]  # rad/s
+    torque: list[Any]  # joint torques from the torsions, N m
+    force: Any  # of the world on the tip, N
+    r: list[Any]  # disturbances at the rotors, N m at the motor
 
 
 class Loop:
@@ -90,8 +85,9 @@ class Loop:
             gain.name: symbol
             for gain, symbol in zip(self.gains, ca.vertsplit(SX.sym("gains", len(self.gains))), strict=True)
         }
-        axes = ("x", "y") if space == "cartesian" else tuple(str(j) for j in model.joints)
-        noun = "tip" if space == "cartesian" else "joint"
+        noun, axes = "joint", tuple(str(j) for j in model.joints)
+        if space == "cartesian":
+            noun, axes = "tip", ("x", "y")
         self.reference_names = tuple(
             f"{noun}_{what}_{axis}" for what in ("position", "velocity", "acceleration") for axis in axes
         )
@@ -107,13 +103,20 @@ class Loop:
         position, velocity, acceleration = ca.vertsplit(self.reference, self.reference.numel() // 3)
         return position, velocity, acceleration
 
+    def mass_damping_stiffness(self, axes: Iterable[str]) -> tuple[Any, Any, Any]:
+        """The wanted M, B and K along the axes, as vectors."""
+        g, axes = self.g, tuple(axes)
+        mass = ca.vertcat(*(g[f"mass_{axis}"] for axis in axes))
+        damping = ca.vertcat(*(g[f"damping_{axis}"] for axis in axes))
+        return mass, damping, ca.vertcat(*(g[f"stiffness_{axis}"] for axis in axes))
+
     def memory(self, name: str, count: int) -> Any:
         """The part of the memory that begins at ``name``."""
         first = self.state_names.index(name)
         return self.state[first : first + count]
 
     def see(self) -> tuple[Seen, list[Any]]:
-        """Estimates of this tick, and the next values of the memory that they need."""
+        """Estimate the arm at this tick; the second result is the next memory of the estimates."""
         model, n, g = self.model, self.model.n, self.g
         theta, q, force = self.measured[:n], self.measured[n : 2 * n], self.measured[2 * n :]
         last_theta, last_q, omega, v, observed = (self.state[k * n : (k + 1) * n] for k in range(5))
@@ -135,8 +138,8 @@ class Loop:
             phi.append(twist)
             rate.append(omega[j - 1] / p["ratio"] - v[j - 1])
             torque.append(torque_estimate.from_torsion(model, j, twist) + p["torsional_damping"] * rate[-1])
-            # momentum p = J ω obeys ṗ = T − τ/N + r; the observer integrates the right-hand side and r = L (p − its
-            # integral)
+            # the momentum p = J ω obeys ṗ = T − τ/N + r; the observer integrates the right-hand side, and
+            # r = L (p − its integral)
             momentum = p["motor_inertia"] * omega[j - 1]
             integral = observed[j - 1] + g["period"] * (self.sent[j - 1] - torque[-1] / p["ratio"])
             decay = ca.exp(-g["observer_bandwidth"] * g["period"])
@@ -154,30 +157,25 @@ class Loop:
                 out.append(self._rigid(j, seen.v[k], acceleration[k], torque[k]))
                 continue
             twist = drive.torsion(torque[k] / p["stiffness_level"], drive.springs(p))
-            push = (
-                acceleration[k]
-                - 2 * self.g["bandwidth"] * seen.phi_rate[k]
-                + self.g["bandwidth"] ** 2 * (twist - seen.phi[k])
-            )
+            gain = self.g["bandwidth"]
+            push = acceleration[k] - 2 * gain * seen.phi_rate[k] + gain**2 * (twist - seen.phi[k])
             out.append(seen.torque[k] / p["ratio"] + p["motor_inertia"] * p["ratio"] * push - seen.r[k])
         return ca.vertcat(*out)
 
     def position_loop(self, seen: Seen, q: Any, v: Any, a: Any, torque: Any) -> Any:
-        """Motor torques that make the joints follow q, v, a (n each); ``torque`` is what that motion asks of the
-        joints."""
+        """Motor torques that make the joints follow q, v, a (n each), for which they need ``torque``."""
+        gain = self.g["bandwidth"]
         out = []
         for j in self.model.joints:
             p, k = self.model.of_joint(j), j - 1
             if j in self.model.rigid:
-                back = 2 * self.g["bandwidth"] * (v[k] - seen.v[k]) + self.g["bandwidth"] ** 2 * (q[k] - seen.q[k])
+                back = 2 * gain * (v[k] - seen.v[k]) + gain**2 * (q[k] - seen.q[k])
                 full = self.model.inertia()[k, k] / p["ratio"]
                 full = ca.substitute(full, ca.vertcat(self.model.q, self.model.v), ca.vertcat(seen.q, seen.v))
                 out.append(self._rigid(j, v[k], a[k], torque[k]) + full * back)
                 continue
             theta = p["ratio"] * (q[k] + drive.torsion(torque[k] / p["stiffness_level"], drive.springs(p)))
-            back = 2 * self.g["bandwidth"] * (p["ratio"] * v[k] - seen.omega[k]) + self.g["bandwidth"] ** 2 * (
-                theta - seen.theta[k]
-            )
+            back = 2 * gain * (p["ratio"] * v[k] - seen.omega[k]) + gain**2 * (theta - seen.theta[k])
             out.append(torque[k] / p["ratio"] + p["motor_inertia"] * (p["ratio"] * a[k] + back) - seen.r[k])
         return ca.vertcat(*out)
 
@@ -231,12 +229,26 @@ def mobility(loop: Loop, M_q: Any, J: Any) -> Any:
 
 
 def held_force(M: Any, B: Any, K: Any, h: Any, x: Any, v: Any, F: Any) -> tuple[Any, Any]:
-    """x and v after h of M ẍ + B ẋ + K x = F with F held: (26) discretised exactly (Van Loan, IEEE Trans. Autom.
-    Control 23 (1978) 395).
+    """Move M ẍ + B ẋ + K x = F on by one period with F held: (26) discretised exactly.
 
-    exp(A h) by scaling and squaring (Moler, Van Loan, SIAM Review 45 (2003) 3, method 3), but of Y = exp − 1:
-    Y ← 2 Y + Y² keeps every digit of entries that are small against 1, however many squarings, so that one number of
-    them serves the whole range of the gains.
+    exp(A h) is found by scaling and squaring, but as Y = exp − 1: Y ← 2 Y + Y² keeps every digit of entries that are
+    small against 1, however many squarings follow. So one number of squarings serves the whole range of the gains.
+
+    Args:
+        M: Mass, kg or kg m².
+        B: Damping, N s/m or N m s/rad.
+        K: Stiffness, N/m or N m/rad.
+        h: Period, s.
+        x: Position, m or rad.
+        v: Velocity.
+        F: Force or torque.
+
+    Returns:
+        Position and velocity after the period.
+
+    Source:
+        Van Loan, IEEE Trans. Autom. Control 23 (1978) 395; Moler, Van Loan, SIAM Review 45 (2003) 3, method 3.
+
     """
     A = SX(3, 3)
     A[0, 1], A[1, 0], A[1, 1], A[1, 2] = h, -h * K / M, -h * B / M, h / M
@@ -252,10 +264,15 @@ def held_force(M: Any, B: Any, K: Any, h: Any, x: Any, v: Any, F: Any) -> tuple[
 def _mbk(
     axes: tuple[str, ...], units: tuple[str, str, str], nominal: tuple[float, float, float]
 ) -> tuple[Parameter, ...]:
-    words = (("mass", "wanted inertia"), ("damping", "wanted damping"), ("stiffness", "wanted stiffness"))
+    """Gains for the wanted mass, damping and stiffness along each axis."""
+    kinds = (
+        ("mass", "wanted inertia", 1e-9),
+        ("damping", "wanted damping", 0.0),
+        ("stiffness", "wanted stiffness", 0.0),
+    )
     return tuple(
-        Parameter(f"{name}_{axis}", unit, value, 1e-9 if name == "mass" else 0.0, 1e6, meaning)
-        for (name, meaning), unit, value in zip(words, units, nominal, strict=True)
+        Parameter(f"{name}_{axis}", unit, value, low, 1e6, meaning)
+        for (name, meaning, low), unit, value in zip(kinds, units, nominal, strict=True)
         for axis in axes
     )
 
@@ -278,13 +295,13 @@ def impedance_cartesian(model: Model, c: Any) -> Law:
     seen, memory = loop.see()
     x_d, v_d, a_d = loop.wanted()
     M_q, bias, J, turn = loop.arm(seen.q, seen.v)
-    M, B, K = (ca.vertcat(*(loop.g[f"{name}_{axis}"] for axis in "xy")) for name in ("mass", "damping", "stiffness"))
+    M, B, K = loop.mass_damping_stiffness("xy")
     x_e = loop.model.chain.tip(seen.q, model.chain_parameters()) - x_d
     v_e = J @ seen.v - v_d
     L = mobility(loop, M_q, J)
     F = L @ (a_d - turn + (seen.force - B * v_e - K * x_e) / M) - seen.force
     push = J.T @ F
-    idle = -loop.g["posture_damping"] * (M_q @ seen.v)  # only what the tip does not feel
+    idle = -loop.g["posture_damping"] * (M_q @ seen.v)  # without the part that the tip feels
     push = push + idle - J.T @ (L @ (J @ _solve(M_q, idle)))
     acceleration = _solve(M_q, push + J.T @ seen.force)
     return loop.finish(c, loop.torque_loop(seen, push + bias, acceleration), memory, [])
@@ -297,7 +314,7 @@ def impedance_joint(model: Model, c: Any) -> Law:
     seen, memory = loop.see()
     q_d, v_d, a_d = loop.wanted()
     M_q, bias, J, _ = loop.arm(seen.q, seen.v)
-    M, B, K = (ca.vertcat(*(loop.g[f"{name}_{axis}"] for axis in axes)) for name in ("mass", "damping", "stiffness"))
+    M, B, K = loop.mass_damping_stiffness(axes)
     outside = J.T @ seen.force
     acceleration = a_d + (outside - B * (seen.v - v_d) - K * (seen.q - q_d)) / M
     torque = M_q @ acceleration + bias - outside
@@ -316,7 +333,7 @@ def admittance_cartesian(model: Model, c: Any) -> Law:
     )
     seen, memory = loop.see()
     x_d, v_d, a_d = loop.wanted()
-    M, B, K = (ca.vertcat(*(loop.g[f"{name}_{axis}"] for axis in "xy")) for name in ("mass", "damping", "stiffness"))
+    M, B, K = loop.mass_damping_stiffness("xy")
     x_e, v_e, q = loop.memory("yield_position_x", 2), loop.memory("yield_velocity_x", 2), loop.memory("posture_1", n)
     h = loop.g["period"]
     a_e = (seen.force - B * v_e - K * x_e) / M
@@ -331,9 +348,8 @@ def admittance_cartesian(model: Model, c: Any) -> Law:
     moved = [held_force(M[k], B[k], K[k], h, x_e[k], v_e[k], seen.force[k]) for k in range(2)]
     later = [ca.vertcat(*(m[0] for m in moved)), ca.vertcat(*(m[1] for m in moved)), q + h * v]
     T = loop.position_loop(seen, q, v, a, torque)
-    began = loop.measured[
-        n : 2 * n
-    ]  # yields as far as the arm is from its reference, so that starting asks for no jump
+    # it begins with yielding as far as the arm is from its reference, so that the start needs no jump
+    began = loop.measured[n : 2 * n]
     return loop.finish(c, T, [*memory, *later], [model.chain.tip(began, model.chain_parameters()) - x_d, -v_d, began])
 
 
@@ -346,7 +362,7 @@ def admittance_joint(model: Model, c: Any) -> Law:
     )
     seen, memory = loop.see()
     q_d, v_d, a_d = loop.wanted()
-    M, B, K = (ca.vertcat(*(loop.g[f"{name}_{axis}"] for axis in axes)) for name in ("mass", "damping", "stiffness"))
+    M, B, K = loop.mass_damping_stiffness(axes)
     q_e, v_e = loop.memory("yield_position_1", n), loop.memory("yield_velocity_1", n)
     _, _, J, _ = loop.arm(seen.q, seen.v)
     outside = J.T @ seen.force
@@ -367,5 +383,14 @@ LAWS = (position, impedance_cartesian, impedance_joint, admittance_cartesian, ad
 
 
 def laws(model: Model, c: Any) -> tuple[Law, ...]:
-    """Every controller of the arm."""
+    """Write every controller of the arm.
+
+    Args:
+        model: The model.
+        c: The symbols of its constants.
+
+    Returns:
+        The controllers, in the order of `LAWS`.
+
+    """
     return tuple(law(model, c) for law in LAWS)

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
+from gen.catalogue import LINEAR
 from gen.description import Drive, Joint, Robot, StatedEffect, Value
 from gen.effect import Parameter
 from gen.effects.missing_compliance import EFFECT
 from gen.mass import mobility
 from gen.rules import LEAST_ROTOR
 
-LINEAR = 1e-6  # c_f, 1/(N m): as good as none
 FAR = 0.1  # rad (or m) of torsion to which the law goes
 CARRIED = 2.0  # of the fastest oscillation and decay, a step: RK4 is stable to 2.78
 VISCOUS = 0.5  # of the decay that viscous friction makes
@@ -24,18 +24,43 @@ ROOM = 2.0  # times the width of smooth friction that the step just carries
 
 
 def springs(extra: tuple[str, ...], n: int) -> tuple[frozenset[int], tuple[str, ...]]:
-    """Of effects to add to a robot of ``n`` joints: the joints whose rigid drives get a spring, of which
-    ``missing_compliance@2`` says one and ``missing_compliance`` all; and the names without a joint."""
+    """Find the joints whose rigid drives get a spring.
+
+    Args:
+        extra: Names of effects to add; ``missing_compliance@2`` names joint 2 alone, ``missing_compliance`` all.
+        n: Number of joints.
+
+    Returns:
+        The joints from 1 that get a spring, and the names of the effects without a joint.
+
+    """
     everywhere = frozenset(range(1, n + 1))
     of = {f"{EFFECT.name}@{j}": frozenset({j}) for j in everywhere} | {EFFECT.name: everywhere}
-    sprung = frozenset[int]().union(*(of[name] for name in extra if name in of))
-    return sprung, tuple(EFFECT.name if name in of else name for name in extra)
+    sprung, names = frozenset[int](), []
+    for name in extra:
+        if name in of:
+            sprung |= of[name]
+            names.append(EFFECT.name)
+        else:
+            names.append(name)
+    return sprung, tuple(names)
 
 
 def compliant(robot: Robot, given: Collection[int]) -> Robot:
-    """``robot`` with springs in the rigid drives that state the effect, and in those of the joints ``given`` that have
-    a rotor to turn; of those that do not state it each so soft, and so little damped, that the robot's step carries it,
-    and none where that would be softer than a spring may be, or where the step does not carry the rotor alone."""
+    """Put springs into the rigid drives that state the effect, and into those of the joints given.
+
+    A drive that does not state the effect gets a spring so soft, and so little damped, that the robot's step carries
+    it. It gets none where that spring would be softer than a spring may be, where there is no rotor to turn, or where
+    the step does not carry the rotor alone.
+
+    Args:
+        robot: The robot description.
+        given: Joints from 1 whose rigid drives are to get a spring.
+
+    Returns:
+        The robot with springs, and with the effects that were assumed for them.
+
+    """
     stated = {effect.joint: effect.parameters for effect in robot.effects if effect.name == EFFECT.name}
     joints = list(robot.joints)
     for j, joint in enumerate(joints, 1):
@@ -61,15 +86,23 @@ def _turns(drive: Drive, step: float) -> bool:
 
 
 def _nominal(stated: dict[str, Value], parameter: Parameter) -> float:
-    return stated[parameter.name].nominal if parameter.name in stated else parameter.nominal
+    if parameter.name in stated:
+        return stated[parameter.name].nominal
+    return parameter.nominal
 
 
 def _carried(joints: tuple[Joint, ...], step: float) -> dict[int, dict[str, Value]]:
-    """Of each flexible joint the effect's nominal values, softer and less damped where a ``step``, s, carries no more:
-    with 1/M + 1/(N² J), M and J inertia of link and rotor, times stiffness it makes the square of an oscillation, times
-    damping a decay, which both are shared among the joints, as those of all add at most."""
+    """The effect's values at each flexible joint: nominal, or softer and less damped where a ``step``, s, needs it.
+
+    With M and J the inertia of link and rotor, 1/M + 1/(N² J) times the stiffness is the square of an oscillation, and
+    times the damping a decay. Each joint gets an equal share of the fastest that the step carries, as at most the
+    motions of all joints add.
+    """
     flexible = [j for j, joint in enumerate(joints, 1) if not joint.drive.rigid]
-    ease, found = mobility(joints) if flexible else (), {}
+    found: dict[int, dict[str, Value]] = {}
+    if not flexible:
+        return found
+    ease = mobility(joints)
     for j in flexible:
         drive = joints[j - 1].drive
         rotor = drive.ratio.nominal**2 * drive.motor_inertia.nominal

@@ -1,4 +1,4 @@
-"""The robot description as frozen data: what robot.toml says, complete and checked. `gen.robot` reads it."""
+"""The robot description as frozen data: the content of robot.toml, complete and checked. `gen.robot` reads it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class RobotError(Exception):
-    """A robot file that cannot be used: ``problems`` holds one sentence for each thing wrong."""
+    """A robot file that cannot be used: ``problems`` holds one sentence for each problem."""
 
     def __init__(self, problems: list[str]) -> None:
         self.problems = problems
@@ -83,9 +83,15 @@ class Joint:
 
 @dataclass(frozen=True)
 class StatedEffect:
-    """An effect that the robot file states, with every parameter filled in but those whose nominal value is the
-    joint's; joint 0 is the whole arm. ``assumed``: the file does not, it is what a spring was given that is only looked
-    for."""
+    """An effect that the robot file states, with every parameter filled in whose nominal value is not the joint's.
+
+    Attributes:
+        name: The effect's name.
+        joint: The joint's number from 1; 0 is the whole arm.
+        parameters: Values by name.
+        assumed: Whether the file does not state it: these are the values of a spring that is only looked for.
+
+    """
 
     name: str
     joint: int
@@ -109,8 +115,15 @@ class Robot:
 
 
 def canonical(robot: Robot) -> dict[str, Any]:
-    """The whole description as JSON can hold it, for the manifest: everything but where the file lay, and effects that
-    the file does not state."""
+    """Write the description as JSON can hold it, for the manifest.
+
+    Args:
+        robot: The robot description.
+
+    Returns:
+        Everything but the place of the file, and effects that the file does not state.
+
+    """
     description = _plain(asdict(robot))
     del description["source"]
     description["effects"] = [effect for effect in description["effects"] if not effect.pop("assumed")]

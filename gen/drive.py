@@ -31,9 +31,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from gen.robot import Drive
+from gen.catalogue import SPRING_KEYS
+from gen.description import Drive
 
-SPRINGS = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
 ERROR = 1e-12  # rad, of the inverse
 SPREAD = 1.25  # factor about the nominal springs, each either way, over which the inverse keeps it
 DEGREES = (15, 19, 23, 27, 31)  # as many coefficients as make full trees
@@ -44,7 +44,7 @@ MOST_CORRECTIONS = 4
 
 @dataclass(frozen=True)
 class Plan:
-    """How the inverse is computed: degree of the polynomial, and corrections after it."""
+    """The way in which the inverse is computed: degree of the polynomial, and corrections after it."""
 
     degree: int
     corrections: int
@@ -66,7 +66,15 @@ class Springs:
 
 
 def springs(p: Mapping[str, Any]) -> Springs:
-    """The law's constants from the robot file's keys."""
+    """Work out the constants of the springs' law.
+
+    Args:
+        p: Symbols or numbers under the robot file's keys.
+
+    Returns:
+        The constants.
+
+    """
     c_f, scale = p["flexspline_stiffening"], p["flexspline_stiffening"] * p["flexspline_stiffness"]
     soft = p["wave_generator_stiffening"] * p["ratio"] * p["wave_generator_stiffness"]
     A, B = scale / soft, p["wave_generator_stiffening"] / (p["ratio"] * c_f)
@@ -78,7 +86,16 @@ def springs(p: Mapping[str, Any]) -> Springs:
 
 
 def torsion(tau: Any, k: Springs) -> Any:
-    """φ(τ), rad, with its continuation."""
+    """Write the torsion of the springs under a torque, with its continuation beyond ``law_torque``.
+
+    Args:
+        tau: Joint torque, N m.
+        k: The constants of the law.
+
+    Returns:
+        φ(τ), rad.
+
+    """
     size = ca.fabs(tau)
     inside = ca.fmin(size, k.law_torque)
     t = k.c_f * inside
@@ -86,7 +103,18 @@ def torsion(tau: Any, k: Springs) -> Any:
 
 
 def compliance(tau: Any, k: Springs) -> Any:
-    """dφ/dτ, rad/(N m), also at τ = 0 where differentiating `torsion` through |τ| would give 0."""
+    """Write the slope of the torsion.
+
+    It holds at τ = 0 too, where differentiating `torsion` through |τ| would give 0.
+
+    Args:
+        tau: Joint torque, N m.
+        k: The constants of the law.
+
+    Returns:
+        dφ/dτ, rad/(N m).
+
+    """
     t = k.c_f * ca.fmin(ca.fabs(tau), k.law_torque)
     return k.c_f * (1 / (1 + t * t) + k.A * k.B * ca.exp(-k.B * t)) / k.scale
 
@@ -100,7 +128,16 @@ def _far(y: Any, k: Springs) -> Any:
 
 
 def inverse(k: Springs, degree: int) -> Any:
-    """Coefficients (degree + 1) of the polynomial for τ (π/2 + A − y)/y over `_crowded`, N m, lowest first."""
+    """Write the coefficients of the springs' inverse: of the polynomial for τ (π/2 + A − y)/y over `_crowded`.
+
+    Args:
+        k: The constants of the law.
+        degree: Degree of the polynomial.
+
+    Returns:
+        The coefficients (degree + 1), N m, lowest power first.
+
+    """
     count = degree + 1
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
     shares = []
@@ -131,13 +168,24 @@ def polynomial(coefficients: Any, x: Any) -> Any:
     power = x
     while len(terms) > 1:
         pairs = [terms[k] + power * terms[k + 1] for k in range(0, len(terms) - 1, 2)]
-        terms = pairs + ([terms[-1]] if len(terms) % 2 else [])
+        terms = pairs + terms[2 * len(pairs) :]  # a term without a partner is kept
         power = power * power
     return terms[0]
 
 
 def spring_torque(phi: Any, k: Springs, coefficients: Any, plan: Plan) -> Any:
-    """τ(φ), N m: the inverse of `torsion` within `ERROR`."""
+    """Write the torque of the springs: the inverse of `torsion` within `ERROR`.
+
+    Args:
+        phi: Torsion, rad.
+        k: The constants of the law.
+        coefficients: Coefficients of `inverse`.
+        plan: Degree and corrections of the inverse.
+
+    Returns:
+        τ(φ), N m.
+
+    """
     inside = ca.fmax(ca.fmin(phi, k.law_torsion), -k.law_torsion)
     size = ca.fabs(inside)
     tau = inside * (1 / (k.pole - size)) * polynomial(coefficients, _crowded(size, k))
@@ -152,8 +200,10 @@ def spring_torque(phi: Any, k: Springs, coefficients: Any, plan: Plan) -> Any:
 
 
 def householder(y: Any, psi: Any, t: Any, A: Any, B: Any) -> Any:
-    """The step towards the root of g(ψ) = ψ + A (1 − exp(−B tan ψ)) − y, order four (Householder 1970), one
-    division."""
+    """The step towards the root of g(ψ) = ψ + A (1 − exp(−B tan ψ)) − y, of order four, with one division.
+
+    Source: Householder, The Numerical Treatment of a Single Nonlinear Equation (1970).
+    """
     faded = A * ca.exp(-B * t)
     g = psi + A - faded - y
     secant2 = 1 + t * t
@@ -166,7 +216,16 @@ def householder(y: Any, psi: Any, t: Any, A: Any, B: Any) -> Any:
 
 
 def energy(tau: Any, k: Springs) -> Any:
-    """∫ τ dφ, J, of both springs at spring torque τ."""
+    """Write the energy that both springs store.
+
+    Args:
+        tau: Torque of the springs, N m.
+        k: The constants of the law.
+
+    Returns:
+        ∫ τ dφ, J.
+
+    """
     size = ca.fabs(tau)
     inside = ca.fmin(size, k.law_torque)
     t = k.c_f * inside
@@ -177,10 +236,17 @@ def energy(tau: Any, k: Springs) -> Any:
 
 
 def plan(drives: Sequence[Drive]) -> Plan:
-    """The cheapest way that keeps `spring_torque` within `ERROR` for springs within `SPREAD` of each drive's nominal
-    ones.
+    """Choose the cheapest inverse that stays within `ERROR` for springs within `SPREAD` of each drive's nominal ones.
 
-    Raises ValueError where the stiffening is too sharp for every way.
+    Args:
+        drives: The flexible drives of an arm.
+
+    Returns:
+        Degree of the polynomial, and the number of corrections after it.
+
+    Raises:
+        ValueError: The stiffening is too sharp for every way.
+
     """
     for degree, corrections in [*((d, 0) for d in DEGREES), *((DEGREES[0], c) for c in range(1, MOST_CORRECTIONS + 1))]:
         chosen = Plan(degree, corrections)
@@ -195,7 +261,7 @@ def plan(drives: Sequence[Drive]) -> Plan:
 @cache
 def _inversion(chosen: Plan) -> tuple[Any, Any]:
     """Of any drive: the inverse's coefficients from springs, ratio and law_torque, and its errors, rad, at torques."""
-    p = {key: ca.SX.sym(key) for key in (*SPRINGS, "ratio", "law_torque")}
+    p = {key: ca.SX.sym(key) for key in (*SPRING_KEYS, "ratio", "law_torque")}
     tau, law, coefficients = ca.SX.sym("tau"), springs(p), ca.SX.sym("a", chosen.degree + 1)
     phi = torsion(tau, law)
     found = torsion(spring_torque(phi, law, coefficients, chosen), law)
@@ -211,9 +277,11 @@ def _error(drive: Drive, chosen: Plan) -> float:
     worst = 0.0
     corners = itertools.product((1.0, SPREAD, 1 / SPREAD), repeat=4)  # the nominal springs first
     for factors in corners:
-        values = [getattr(drive, key).nominal * factor for key, factor in zip(SPRINGS, factors, strict=True)]
+        values = [getattr(drive, key).nominal * factor for key, factor in zip(SPRING_KEYS, factors, strict=True)]
         errors = np.array(error(grid.reshape(1, -1), make(*values, *fixed), *values, *fixed))
-        worst = max(worst, float(errors.max()) if np.isfinite(errors).all() else np.inf)
+        if not np.isfinite(errors).all():
+            return np.inf
+        worst = max(worst, float(errors.max()))
         if worst > ERROR:
             break
     return worst

@@ -1,4 +1,4 @@
-"""What an effect is: one equation at one port of a joint, with its parameters, states and source."""
+"""The type of an effect: one equation at one port of a joint, with its parameters, states and source."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 
 class Port(Enum):
-    """Where an effect acts, in the order of the signal chain; the value begins with the place the diagnosis names."""
+    """Where an effect acts, in the order of the signal chain; each value begins with the place that reports name."""
 
     DELAY = "input, delay"  # adds to the time by which the command arrives late, s
-    INPUT = "input, current"  # makes another current (or torque) of the one that arrives, A or N m
+    INPUT = "input, current"  # changes the current (or torque) that arrives, A or N m
     LAG = "input, lag"  # adds to the time constant with which the current follows, s
     WARMTH = "motor, warmth"  # adds to the share by which dry and viscous friction have fallen
     FRICTION = "motor, level"  # adds to the level of dry friction, N m at the motor
@@ -25,8 +25,8 @@ class Port(Enum):
     BASE = "link, base"  # adds to gravity in the base frame, m/s² (x, y)
     MASS = "link, mass"  # adds a point mass at the tip, kg
     LINK = "link, torque"  # adds a torque to the joint, N m
-    SENSOR = "sensor, joint angle"  # adds to what the joint's encoder reads, rad
-    TORQUE_SENSOR = "sensor, joint torque"  # adds to what the joint's torque sensor reads, N m
+    SENSOR = "sensor, joint angle"  # adds to the reading of the joint's encoder, rad
+    TORQUE_SENSOR = "sensor, joint torque"  # adds to the reading of the joint's torque sensor, N m
 
     @property
     def place(self) -> str:
@@ -38,13 +38,22 @@ class Port(Enum):
 class Parameter:
     """A number of the model.
 
-    ``typical``: of an amplitude, the difference from nominal with which the effect is usually met; from 15 % of it on
-    an effect counts as present. ``everywhere``: the size of which every machine has a little, where that is not
-    ``typical``. ``starts``: of a shape, the values from which a search starts, the nominal one first. ``scale``: a key
-    of the joint (or "1/key", "key/key"; "largest_input" is the bound of the joint's input) by whose nominal
-    ``typical`` and ``everywhere``, or ``starts`` and nominal, are to be multiplied. ``sliding``: the unit at a
-    prismatic joint, where it is another; in ``unit`` "A" stands for N m where the input is torque. ``unless``: left out
-    at drives that have that key.
+    Attributes:
+        name: Name in the robot file and in the model.
+        unit: Unit; "A" stands for N m where the input is torque.
+        nominal: Value without the effect, or the first guess of a shape.
+        low: Lower bound.
+        high: Upper bound.
+        meaning: Meaning in words.
+        typical: Of an amplitude, the difference from nominal with which the effect is usually met. From 15 % of it on
+            an effect counts as present.
+        scale: A key of the joint whose nominal value multiplies ``typical`` and ``everywhere``, or ``starts`` and
+            nominal; "1/key" and "key/key" too. "largest_input" is the bound of the joint's input.
+        starts: Of a shape, the values from which a search starts, the nominal one first.
+        sliding: Unit at a prismatic joint, where it is another.
+        unless: A key of the drive; drives that have it do not have this parameter.
+        everywhere: The size of which every machine has a little, where that is not ``typical``.
+
     """
 
     name: str
@@ -63,8 +72,17 @@ class Parameter:
 
 @dataclass(frozen=True)
 class State:
-    """A memory of an effect, 0 at the start; ``stiff`` asks for the L-stable step where the robot file states the
-    effect; ``slowed``: where it has the explicit one, it builds up no faster than that carries (`gen.memory`)."""
+    """A state of an effect, 0 at the start.
+
+    Attributes:
+        name: Name, without the joint's number.
+        unit: Unit.
+        bound: Size up to which the model is meant to be used.
+        meaning: Meaning in words.
+        stiff: Whether it needs the L-stable step where the robot file states the effect.
+        slowed: Whether it builds up no faster than the explicit step carries (`gen.memory`).
+
+    """
 
     name: str
     unit: str
@@ -76,9 +94,9 @@ class State:
 
 @dataclass(frozen=True)
 class Signals:
-    """What an equation may read: symbols of one joint, everything upstream of its port (others are None)."""
+    """The symbols of one joint that an equation may read: all those upstream of its port (others are None)."""
 
-    current: Any = None  # at an input port what arrives, at a motor port what acts: A, or N m where the input is torque
+    current: Any = None  # that arrives at an input port, or acts at a motor port: A, or N m where the input is torque
     motor_position: Any = None  # θ, rad
     motor_velocity: Any = None  # θ̇, rad/s
     friction_level: Any = None  # N m at the motor
@@ -96,12 +114,23 @@ class Signals:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect: ``equation(signals, p)`` returns its term at the port, or (term, rates of its states).
+    """One effect.
 
-    ``amplitudes`` names the parameters that, when all 0, remove the effect exactly: its own, or keys of the robot file.
-    ``sizes``: of such keys, the difference from nominal that is usually met, as a share of it. ``rigid`` tells whether
-    the effect has a meaning in a rigid drive, ``prismatic`` whether at a sliding joint; ``joints`` where it is stated:
-    "each" joint, the "first" or the "last" only, or the "arm" as a whole (joint 0).
+    Attributes:
+        name: Name in robot files and reports.
+        port: Where it acts.
+        parameters: Its own parameters.
+        amplitudes: Names of the parameters that, when all 0, remove the effect exactly: its own, or keys of the robot
+            file.
+        equation: ``equation(signals, p)`` returns its term at the port, or (term, rates of its states).
+        citation: Where equation and size come from.
+        states: Its states.
+        rigid: Whether it has a meaning in a rigid drive.
+        joints: Where it is stated: "each" joint, the "first" or the "last" only, or the "arm" as a whole (joint 0).
+        prismatic: Whether it has a meaning at a prismatic joint.
+        sizes: Of amplitudes that are keys of the robot file, the difference from nominal that is usually met, as a
+            share of it.
+
     """
 
     name: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 
-from gen.effect import Effect
+from gen.effect import Effect, Parameter
 from gen.effects import ALL, NOMINAL
 
 HEAD = "| effect | acts at | its term | amplitudes; other parameters | source |\n|---|---|---|---|---|\n"
@@ -13,7 +13,12 @@ JOINTS = {"each": "", "first": "; first joint", "last": "; last joint", "arm": "
 
 
 def table() -> str:
-    """Every effect there is, in Markdown: those of every model, then those that a robot file or --effects adds."""
+    """List every effect in Markdown: those of every model, then those that a robot file or --effects adds.
+
+    Returns:
+        The two tables.
+
+    """
     added = tuple(effect for effect in ALL if effect not in NOMINAL)
     parts = ["In every model:\n\n", HEAD, *map(_row, NOMINAL)]
     parts += ["\nAdded where a robot file states them (`[[effect]]`) or a build asks for them (`--effects`):\n\n", HEAD]
@@ -24,29 +29,42 @@ def _row(effect: Effect) -> str:
     module = sys.modules[effect.equation.__module__]
     legend = (module.__doc__ or "").partition("Legend: ")[2].strip()
     equation = (inspect.getdoc(effect.equation) or "").removesuffix(".")
-    where = effect.port.value + JOINTS[effect.joints] + ("" if effect.rigid else "; flexible drives")
-    where += "" if effect.prismatic else "; revolute joints"
+    where = effect.port.value + JOINTS[effect.joints]
+    if not effect.rigid:
+        where += "; flexible drives"
+    if not effect.prismatic:
+        where += "; revolute joints"
     term = f"{equation}. {legend}"
     cells = (f"`{effect.name}`", where, term, _parameters(effect), effect.citation)
     return "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |\n"
 
 
 def _parameters(effect: Effect) -> str:
-    own = {parameter.name: parameter for parameter in effect.parameters}
+    """The effect's amplitudes, then its other parameters."""
+    shown = {parameter.name: _own_parameter(parameter) for parameter in effect.parameters}
+    amplitudes = ", ".join(shown.get(name) or _file_parameter(effect, name) for name in effect.amplitudes)
+    others = ", ".join(text for name, text in shown.items() if name not in effect.amplitudes)
+    return "; ".join(part for part in (amplitudes, others) if part)
 
-    def shown(name: str) -> str:
-        if name not in own:
-            size = effect.sizes.get(name)
-            return f"`{name}` (robot.toml" + (f", typically off by {100 * size:g} %)" if size else ")")
-        p = own[name]
-        off = f"{p.nominal:g} ± " if p.nominal and p.typical else ""
-        scale = f" × `{p.scale}`" if p.scale and p.typical else ""
-        typical = "" if p.typical is None else f", typically {off}{p.typical:g}{scale}"
-        return f"`{name}` ({p.unit}{typical})"
 
-    amplitudes = ", ".join(map(shown, effect.amplitudes))
-    others = ", ".join(shown(name) for name in own if name not in effect.amplitudes)
-    return f"{amplitudes}; {others}" if others else amplitudes
+def _file_parameter(effect: Effect, name: str) -> str:
+    """An amplitude that is a key of the robot file."""
+    size = effect.sizes.get(name)
+    if size:
+        return f"`{name}` (robot.toml, typically off by {100 * size:g} %)"
+    return f"`{name}` (robot.toml)"
+
+
+def _own_parameter(parameter: Parameter) -> str:
+    """A parameter of an effect, with the difference from nominal that is usually met."""
+    if parameter.typical is None:
+        return f"`{parameter.name}` ({parameter.unit})"
+    typical = f"{parameter.typical:g}"
+    if parameter.nominal and parameter.typical:
+        typical = f"{parameter.nominal:g} ± {typical}"
+    if parameter.scale and parameter.typical:
+        typical = f"{typical} × `{parameter.scale}`"
+    return f"`{parameter.name}` ({parameter.unit}, typically {typical})"
 
 
 if __name__ == "__main__":

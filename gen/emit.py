@@ -1,7 +1,7 @@
 """C text from CasADi's instruction lists: single assignments, for scalars and for vectors. Pure: text in, text out.
 
-CasADi's own C printer is not used for the product: what is printed here has one plain signature, needs no work
-vectors and prints the same graph over vector types; the tests hold the two printings against each other.
+CasADi's own C printer is not used for the product: the C printed here has one plain signature, needs no work vectors
+and comes over vector types too. The tests hold the two printings against each other.
 """
 
 from __future__ import annotations
@@ -34,23 +34,51 @@ class EmitError(Exception):
 
 
 def number(value: float) -> str:
-    """A double as C text that reads back to the same bits."""
+    """Print a double as C text that reads back to the same bits.
+
+    Args:
+        value: The number; NaN and infinities too.
+
+    Returns:
+        The text.
+
+    """
     if math.isnan(value):
         return "NAN"
-    if value in (float("inf"), float("-inf")):
-        return "INFINITY" if value > 0 else "-INFINITY"
+    if value == math.inf:
+        return "INFINITY"
+    if value == -math.inf:
+        return "-INFINITY"
     text = repr(float(value))
-    return text if any(mark in text for mark in ".en") else f"{text}.0"
+    if any(mark in text for mark in ".en"):
+        return text
+    return f"{text}.0"
 
 
 def scalar_operation(op: int, name: str, a: str, b: str) -> str:
-    """One operation over doubles, with the interpreter's meaning to the bit."""
+    """Print one operation over doubles, with the interpreter's meaning to the bit.
+
+    Args:
+        op: CasADi's number of the operation.
+        name: Name of the result.
+        a: First operand.
+        b: Second operand; empty where there is none.
+
+    Returns:
+        The C statement.
+
+    Raises:
+        EmitError: This printer does not know the operation.
+
+    """
     if op in BINARY:
         text = f"{a} {BINARY[op]} {b}"
     elif op in COMPARE:
         text = f"(double)({a} {COMPARE[op]} {b})"
+    elif op in PAIRS:
+        text = f"{CALLS[op]}({a}, {b})"
     elif op in CALLS:
-        text = f"{CALLS[op]}({a}, {b})" if op in PAIRS else f"{CALLS[op]}({a})"
+        text = f"{CALLS[op]}({a})"
     else:
         special = {
             ca.OP_NEG: f"-{a}",
@@ -70,8 +98,15 @@ def scalar_operation(op: int, name: str, a: str, b: str) -> str:
 
 
 def vector_operation(kind: str) -> Operation:
-    """Operations over the vector type ``kind`` of `hda_vector.h`; functions take pointers, so no vector crosses a
-    call."""
+    """Make the printer of operations over a vector type; functions take pointers, so no vector crosses a call.
+
+    Args:
+        kind: The vector type of `hda_vector.h`.
+
+    Returns:
+        A function as `scalar_operation`.
+
+    """
     called = {
         ca.OP_SIGN, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FLOOR, ca.OP_EXP, ca.OP_SIN, ca.OP_COS, ca.OP_TAN,
         ca.OP_ATAN, ca.OP_TANH,
@@ -79,9 +114,11 @@ def vector_operation(kind: str) -> Operation:
 
     def operation(op: int, name: str, a: str, b: str) -> str:
         if op in called:
-            function = "sign" if op == ca.OP_SIGN else CALLS[op]
-            second = f"&{b}, " if op in PAIRS else ""
-            return f"{kind} {name}; {kind}_{function}(&{a}, {second}&{name});"
+            function = CALLS.get(op, "sign")
+            operands = f"&{a}"
+            if op in PAIRS:
+                operands = f"&{a}, &{b}"
+            return f"{kind} {name}; {kind}_{function}({operands}, &{name});"
         if op in COMPARE:
             one = f"({kind}_bits)(1.0 - ({kind}){{0}})"  # a comparison is a mask
             return f"const {kind} {name} = ({kind})(({a} {COMPARE[op]} {b}) & {one});"
@@ -90,7 +127,7 @@ def vector_operation(kind: str) -> Operation:
             simple[op] = f"{a} {BINARY[op]} {b}"
         if op in simple:
             return f"const {kind} {name} = {simple[op]};"
-        one = scalar_operation(op, "one", f"{a}[i]", f"{b}[i]")  # lane by lane what has no vector form
+        one = scalar_operation(op, "one", f"{a}[i]", f"{b}[i]")  # without a vector form: lane by lane
         lanes = f"(int)(sizeof {name} / sizeof(double))"
         return f"{kind} {name} = {a}; for (int i = 0; i < {lanes}; i++) {{ {one} {name}[i] = one; }}"
 
@@ -100,7 +137,22 @@ def vector_operation(kind: str) -> Operation:
 def body(
     f: ca.Function, read: Place, write: Place, operation: Operation = scalar_operation, kind: str = "double"
 ) -> list[str]:
-    """The function's instructions as C statements; entries are read and written where the two places say."""
+    """Print the instructions of a function.
+
+    Args:
+        f: The function.
+        read: C text of an input's entry, by argument and entry.
+        write: C text of an output's entry, by result and entry.
+        operation: Printer of the operations.
+        kind: C type of a value.
+
+    Returns:
+        The C statements.
+
+    Raises:
+        EmitError: The printer does not know an operation.
+
+    """
     lines: list[str] = []
     holds: dict[int, str] = {}  # work entry -> name of the assignment that it holds, or a number
     for k in range(f.n_instructions()):
@@ -116,22 +168,44 @@ def body(
         elif op == ca.OP_INPUT:
             lines.append(f"const {kind} {name} = {read(into[0], into[1])};")
         else:
-            lines.append(operation(op, name, holds[into[0]], holds[into[1]] if len(into) > 1 else ""))
+            operands = [*(holds[entry] for entry in into), ""]  # a single operand is followed by an empty one
+            lines.append(operation(op, name, operands[0], operands[1]))
         holds[out[0]] = name
     return lines
 
 
 def signature(f: ca.Function, name: str) -> str:
-    """`void hda_<name>(const double *…, double *…)`."""
+    """Print the signature `void hda_<name>(const double *…, double *…)`.
+
+    Args:
+        f: The function.
+        name: Its name without prefix.
+
+    Returns:
+        The signature, without a semicolon.
+
+    """
     ins = [f"const double *{f.name_in(k)}" for k in range(f.n_in())]
     outs = [f"double *{f.name_out(k)}" for k in range(f.n_out())]
     return f"void hda_{name}({', '.join(ins + outs)})"
 
 
 def scalar_function(f: ca.Function, name: str, head: str = "") -> str:
-    """A whole function over doubles. Inputs may overlap outputs: everything is read before anything is written.
+    """Print a whole function over doubles.
 
-    ``head`` takes the place of the exported signature; its arguments are named as the function's.
+    Inputs may overlap outputs: everything is read before anything is written.
+
+    Args:
+        f: The function.
+        name: Its name without prefix.
+        head: A signature in place of the exported one; its arguments are named as the function's.
+
+    Returns:
+        The C text.
+
+    Raises:
+        EmitError: The printer does not know an operation.
+
     """
     lines = body(f, lambda k, i: f"{f.name_in(k)}[{i}]", lambda k, i: f"{f.name_out(k)}[{i}]")
     computed = [line for line in lines if line.startswith("const ")]
@@ -147,7 +221,15 @@ def _read(f: ca.Function) -> set[int]:
 
 
 def preparation(prepared: Preparation) -> str:
-    """hda_prepare: the springs' inverses joint by joint, then everything else."""
+    """Print `hda_prepare`: the springs' inverses joint by joint, then all other constants.
+
+    Args:
+        prepared: The two parts of the function p -> c.
+
+    Returns:
+        The C text.
+
+    """
     parts, count = [], 0
     if prepared.inverse is not None:
         count = prepared.inverse.numel_out(0)

@@ -13,29 +13,39 @@ SX = ca.SX
 
 @dataclass(frozen=True)
 class Emitted:
-    """A function to emit: the graph, and what it is for."""
+    """A function to emit: the graph, and its purpose in words."""
 
     graph: ca.Function
     meaning: str
 
     @property
     def name(self) -> str:
-        """Name without prefix."""
+        """The name without prefix."""
         return str(self.graph.name())
 
     @property
     def inputs(self) -> tuple[tuple[str, int], ...]:
-        """Names and lengths."""
+        """Names and lengths of the inputs."""
         return tuple((self.graph.name_in(k), self.graph.numel_in(k)) for k in range(self.graph.n_in()))
 
     @property
     def outputs(self) -> tuple[tuple[str, int], ...]:
-        """Names and lengths."""
+        """Names and lengths of the outputs."""
         return tuple((self.graph.name_out(k), self.graph.numel_out(k)) for k in range(self.graph.n_out()))
 
 
 def dense(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> ca.Function:
-    """A Function of dense column vectors."""
+    """Make a Function of dense column vectors.
+
+    Args:
+        name: The function's name.
+        inputs: Symbols by name.
+        outputs: Expressions by name; matrices are stacked column by column.
+
+    Returns:
+        The Function, with common subexpressions computed once.
+
+    """
     return ca.Function(
         name,
         list(inputs.values()),

@@ -1,4 +1,4 @@
-"""One value of robot.toml against its key: the value, or the sentence that says why not."""
+"""One value of robot.toml against its key: the checked value, or the sentence that refuses it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,23 @@ from gen.schema import Key, Kind, keys, span
 
 
 class Unfit(ValueError):
-    """A value that its key does not allow; the text says what was found, what is possible, what to do."""
+    """A value that its key does not allow; the text names the value found, the values possible, and the cure."""
 
 
 def read(key: Key, raw: Any, tolerance: float) -> Any:
-    """The value of ``key``: Value, a pair of Value or float, float, int, str or bool; ``tolerance`` is the file's.
+    """Check a value of the file against its key.
 
-    Raises Unfit.
+    Args:
+        key: The key.
+        raw: The value as parsed.
+        tolerance: Relative standard deviation of the file's plain numbers.
+
+    Returns:
+        Value, a pair of Value or float, float, int, str or bool, by the key's kind.
+
+    Raises:
+        Unfit: The key does not allow the value.
+
     """
     match key.kind:
         case Kind.PARAMETER:
@@ -49,7 +59,9 @@ def read(key: Key, raw: Any, tolerance: float) -> Any:
 
 def _parameter(key: Key, raw: Any, tolerance: float) -> Value:
     if not isinstance(raw, dict):
-        return Value(_number(key, raw), 0.0 if key.exact else tolerance)
+        if key.exact:
+            tolerance = 0.0
+        return Value(_number(key, raw), tolerance)
     if set(raw) != {"value", "tolerance"}:
         raise Unfit(f"found {shown(raw)}, possible is {{value, tolerance}} with both and nothing else; correct it")
     return Value(_number(key, raw["value"]), _number(keys("")["tolerance"], raw["tolerance"]))
@@ -85,13 +97,21 @@ def _text(key: Key, raw: Any) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value of the file as a sentence can hold it: one line, short."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _short(json.dumps(value))
+    """Write a value of the file so that a sentence can hold it.
+
+    Args:
+        value: The value as parsed.
+
+    Returns:
+        One short line of text.
+
+    """
+    if value == {}:
+        return "an empty table"
     if isinstance(value, dict):
-        return _short("a table with " + ", ".join(named(key) for key in value)) if value else "an empty table"
+        return _short("a table with " + ", ".join(named(key) for key in value))
+    if isinstance(value, bool | str):
+        return _short(json.dumps(value))
     if isinstance(value, list):
         return f"a list of {len(value)}"
     if isinstance(value, int) and value.bit_length() > 64:  # printing it may be refused
@@ -100,21 +120,58 @@ def shown(value: Any) -> str:
 
 
 def escaped(text: str) -> str:
-    """The text with an escape in place of each character that a terminal obeys; a tab becomes spaces."""
-    text = text.expandtabs()
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    """Put an escape in place of each character that a terminal obeys; a tab becomes spaces.
+
+    Args:
+        text: The text.
+
+    Returns:
+        Printable text.
+
+    """
+    return "".join(map(_escape, text.expandtabs()))
+
+
+def _escape(character: str) -> str:
+    if character.isprintable():
+        return character
+    return character.encode("unicode_escape").decode("ascii")
 
 
 def named(key: str) -> str:
-    """A key of the file as a sentence can hold it."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]{1,48}", key) else _short(json.dumps(key))
+    """Write a key of the file so that a sentence can hold it.
+
+    Args:
+        key: The key.
+
+    Returns:
+        The key, in quotes where it is no plain word.
+
+    """
+    if re.fullmatch(r"[A-Za-z0-9_-]{1,48}", key):
+        return key
+    return _short(json.dumps(key))
 
 
 def nearest(word: str, possible: Iterable[str]) -> str:
-    """The most similar of ``possible`` as the end of a sentence; empty if none is."""
+    """Find the most similar of the possible words.
+
+    Args:
+        word: The word found.
+        possible: The words possible.
+
+    Returns:
+        The end of a sentence that suggests it; empty where none is similar.
+
+    """
     near = difflib.get_close_matches(word[:80], list(possible), n=1)
-    return f" (did you mean {near[0]}?)" if near else ""
+    if near:
+        return f" (did you mean {near[0]}?)"
+    return ""
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= 64 else f"{text[:61]}..."
+    """The text, cut to 64 characters."""
+    if len(text) <= 64:
+        return text
+    return f"{text[:61]}..."

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
 
 from gen import drive, input_stage, mechanics
+from gen.drive_equations import Drives
 from gen.effect import Port
 from gen.emitted import Emitted, dense
-from gen.model import Drives, Model
+from gen.model import Model
 
 SX = ca.SX
 DRIVE = {  # ports whose effects stand in the graph of one drive
@@ -35,8 +37,7 @@ class Lane:
 
 @dataclass(frozen=True)
 class Preparation:
-    """`prepare` in two parts, so that the long one, the inverse of a joint's springs, is printed once for all
-    joints."""
+    """`prepare` in two parts: the long one, the inverse of a joint's springs, is printed once for all joints."""
 
     inverse: ca.Function | None  # (keys) -> coefficients; None where every drive is rigid
     keys: tuple[tuple[int, ...], ...]  # entries of p that each flexible joint's inverse takes
@@ -45,7 +46,7 @@ class Preparation:
 
 @dataclass
 class Graphs:
-    """What `assemble` builds: the emitted functions and the parts of the right-hand side that lanes need."""
+    """The functions to emit, and the parts of the right-hand side that lanes need."""
 
     model: Model
     lanes: tuple[Lane, ...]
@@ -58,33 +59,32 @@ class Graphs:
 
 
 def hoist(expressions: list[Any], p: Any) -> tuple[list[Any], list[Any], list[Any]]:
-    """The expressions with every part that depends on p alone replaced by a symbol: (expressions, symbols, their
-    definitions)."""
+    """Replace every part of the expressions that depends on p alone by a symbol.
+
+    Args:
+        expressions: The expressions.
+        p: The symbols that count as known.
+
+    Returns:
+        The expressions, the new symbols, and the definitions of these in p.
+
+    """
     stacked, symbols, definitions = ca.extract_parametric(
         ca.cse(ca.vertcat(*[ca.vec(ca.densify(e)) for e in expressions])), p
     )
-    sizes = [SX(e).numel() for e in expressions]
-    parts = ca.vertsplit(stacked, [0, *_cumulative(sizes)])
+    ends = itertools.accumulate(SX(e).numel() for e in expressions)
+    parts = ca.vertsplit(stacked, [0, *ends])
     return [ca.reshape(part, SX(e).shape) for part, e in zip(parts, expressions, strict=True)], symbols, definitions
 
 
-def _cumulative(sizes: list[int]) -> list[int]:
-    total, out = 0, []
-    for size in sizes:
-        total += size
-        out.append(total)
-    return out
-
-
 class Constants:
-    """Grows c: parameters first, then the springs' inverses, the constants of the lanes, and those of whatever else
-    is hoisted."""
+    """Collects c: parameters, the springs' inverses, the lanes' constants, then those of all other expressions."""
 
     def __init__(self, model: Model) -> None:
         self.symbols, self.definitions = [model.p], [model.p]
         self.derived = model.derived()
         self.add(*self.derived)
-        self.fixed = ca.vertcat(*self.symbols)  # what hoisted expressions may depend on
+        self.fixed = ca.vertcat(*self.symbols)  # the symbols on which hoisted expressions may depend
 
     def add(self, symbols: Any, definitions: Any) -> None:
         """Append symbols with their definitions in p."""
@@ -94,7 +94,8 @@ class Constants:
     def hoist(self, expressions: list[Any]) -> list[Any]:
         """The expressions over c."""
         changed, symbols, definitions = hoist(expressions, self.fixed)
-        renamed = [SX.sym(f"e{sum(s.numel() for s in self.symbols) + k}") for k in range(len(symbols))]
+        first = sum(s.numel() for s in self.symbols)
+        renamed = [SX.sym(f"e{first + k}") for k in range(len(symbols))]
         if symbols:
             changed = ca.substitute(changed, symbols, renamed)
             self.add(ca.vertcat(*renamed), ca.vertcat(*definitions))
@@ -106,7 +107,7 @@ class Constants:
         return ca.vertcat(*self.symbols)
 
     def preparation(self, model: Model) -> Preparation:
-        """What `made` computes, in two parts."""
+        """The function p -> c in two parts."""
         symbols, definition = model.derived()
         rest = ca.Function(
             "rest", [model.p, symbols], [ca.vertcat(*self.definitions[:1], symbols, *self.definitions[2:])]
@@ -132,7 +133,15 @@ def _dependencies(expression: Any, p: Any) -> tuple[int, ...]:
 
 
 def assemble(model: Model) -> Graphs:
-    """Everything that is emitted for a model."""
+    """Write everything that is emitted for a model.
+
+    Args:
+        model: The model.
+
+    Returns:
+        The functions to emit, and the parts of the right-hand side that lanes need.
+
+    """
     constants = Constants(model)
     lanes = tuple(_lane(model, joints, constants) for joints in _groups(model))
     D = {j: _lane_symbols(model, lane, j) for lane in lanes for j in lane.joints}
@@ -177,16 +186,18 @@ def assemble(model: Model) -> Graphs:
         *mechanics.dynamics(model, c),
     ]
     if model.stiff:
-        functions += [
-            Emitted(
-                dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)}), "fastest decay of a stiff state, 1/s"
-            ),
-            Emitted(
-                dense("state_jacobian", xuc, {"by_x": jacobians[0]}),
-                "derivative of the rate by x alone, column by column",
-            ),
-        ]
+        functions += _stiff_functions(model, xuc, jacobians[0])
     return Graphs(model, lanes, chain, exact_chain, holding_chain, constants.preparation(model), c, tuple(functions))
+
+
+def _stiff_functions(model: Model, xuc: dict[str, Any], by_x: Any) -> list[Emitted]:
+    """The functions that the L-stable step needs besides the right-hand side."""
+    stiffness = dense("stiffness_rate", xuc, {"rate": _stiffness_rate(model)})
+    jacobian = dense("state_jacobian", xuc, {"by_x": by_x})
+    return [
+        Emitted(stiffness, "fastest decay of a stiff state, 1/s"),
+        Emitted(jacobian, "derivative of the rate by x alone, column by column"),
+    ]
 
 
 # -- lanes ----------------------------------------------------------------------------------------------------------
@@ -204,17 +215,21 @@ def _groups(model: Model) -> list[tuple[int, ...]]:
 
 def _state_names(model: Model, j: int) -> list[str]:
     names = [f"motor_position_{j}", f"joint_position_{j}", f"motor_velocity_{j}", f"joint_velocity_{j}"]
-    names = names[1::2] if j in model.rigid else names
+    if j in model.rigid:
+        names = names[1::2]
     return names + [f"{s.name}_{j}" for _, s, k in model.memory if k == j]
 
 
 def _outputs(model: Model, j: int, d: Drives) -> tuple[list[Any], list[Any]]:
-    """What a lane hands over in the smooth and in the exact form, with sine and cosine of a revolute joint."""
-    turn = model.robot.joints[j - 1].kind == "revolute"
-    q = model.slot(f"joint_position_{j}")
-    trig = [ca.sin(q), ca.cos(q)] if turn else []
-    moved = [d.net] if d.acceleration is None else [d.net, d.acceleration]
-    return [*moved, d.joint_torque, *trig, *d.rates], [d.level]
+    """The results of a lane in the smooth and in the exact form, with sine and cosine of a revolute joint."""
+    results = [d.net]
+    if d.acceleration is not None:
+        results.append(d.acceleration)
+    results.append(d.joint_torque)
+    if model.robot.joints[j - 1].kind == "revolute":
+        q = model.slot(f"joint_position_{j}")
+        results += [ca.sin(q), ca.cos(q)]
+    return [*results, *d.rates], [d.level]
 
 
 def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
@@ -239,10 +254,11 @@ def _lane(model: Model, joints: tuple[int, ...], constants: Constants) -> Lane:
     columns = []
     for j in [*joints, *[joints[0]] * (width - len(joints))]:
         columns.append(define(ca.vertcat(*(own[j][key] for key in keys))))
+    places = [[index[name] for name in _state_names(model, j)] for j in joints]
     lane = Lane(
         joints,
         width,
-        tuple(tuple(index[_state_names(model, j)[i]] for j in joints) for i in range(len(entries))),
+        tuple(zip(*places, strict=True)),
         _of_lane("smooth", [*names, "constants"], [*inputs, constant], changed[: len(smooth)]),
         _of_lane("exact", [*names, "direction", "constants"], [*inputs, s, constant], changed[len(smooth) :]),
         k,
@@ -259,15 +275,21 @@ def _of_lane(name: str, names: list[str], inputs: list[Any], outputs: list[Any])
 
 
 def _lane_symbols(model: Model, lane: Lane, j: int) -> tuple[Drives, list[Any], tuple[Any, Any] | None]:
-    """Symbols for what lane hands over for joint j, in the order of the exact outputs."""
-    flexible = j in model.flexible
-    names = ["level", "net", *(["acceleration"] if flexible else []), "joint_torque"]
-    turn = model.robot.joints[j - 1].kind == "revolute"
-    names += ["sine", "cosine"] if turn else []
+    """Symbols for the results of a lane for joint j, in the order of the exact outputs; sine and cosine apart too."""
+    names = ["level", "net"]
+    if j in model.flexible:
+        names.append("acceleration")
+    names.append("joint_torque")
+    turns = model.robot.joints[j - 1].kind == "revolute"
+    if turns:
+        names += ["sine", "cosine"]
     named = {name: SX.sym(f"{name}_{j}") for name in names}
     rates = [SX.sym(f"rate_{j}_{k}") for k in range(lane.exact.n_out() - len(names))]
     d = Drives(named["net"], named["level"], named.get("acceleration"), named["joint_torque"], rates=tuple(rates))
-    return d, [*named.values(), *rates], (named["sine"], named["cosine"]) if turn else None
+    symbols = [*named.values(), *rates]
+    if turns:
+        return d, symbols, (named["sine"], named["cosine"])
+    return d, symbols, None
 
 
 def _trig(model: Model, D: dict[int, Any]) -> tuple[list[Any], list[Any]]:
@@ -307,7 +329,9 @@ def _rate_jacobians(model: Model) -> list[Any]:
                 spring[j], law[j]
             )
             total = total + ca.jacobian(rate, spring[j]) @ slack
-        out.append(ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*solved)) if spring else total)
+        if spring:
+            total = ca.substitute(total, ca.vertcat(*spring.values()), ca.vertcat(*solved))
+        out.append(total)
     return out
 
 

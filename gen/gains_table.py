@@ -13,25 +13,38 @@ HEAD = "| gain | laws | unit | default | possible | what it is |\n|---|---|---|-
 
 
 def table() -> str:
-    """Every gain of every law, in Markdown: those of all laws first, then each law's own, axes together."""
+    """List every gain of every law in Markdown: those of all laws first, then each law's own, axes together.
+
+    Returns:
+        The table.
+
+    """
     model = Model(load("paper"), NOMINAL)
     made = laws(model, assemble(model).c)
     rows: dict[tuple[str, Parameter], list[str]] = {}
     for law in made:
         for gain in law.gains:
-            kind, _, axis = gain.name.rpartition("_")
-            own = gain not in COMMON
-            space = "cartesian" if axis in ("x", "y") else "joint"
-            shown = f"`{kind}_x`, `{kind}_y`" if space == "cartesian" else f"`{kind}_1`, `{kind}_2`, …"
-            name = shown if own else f"`{gain.name}`"
             values = Parameter("", gain.unit, gain.nominal, gain.low, gain.high, gain.meaning)
-            users = rows.setdefault((name, values), [])
-            users += [] if law.name in users else [law.name]
+            users = rows.setdefault((_name_axes(gain), values), [])
+            if law.name not in users:
+                users.append(law.name)
     return HEAD + "".join(_row(name, gain, users, len(made)) for (name, gain), users in rows.items())
 
 
+def _name_axes(gain: Parameter) -> str:
+    """The names of a gain along all axes."""
+    if gain in COMMON:
+        return f"`{gain.name}`"
+    kind, _, axis = gain.name.rpartition("_")
+    if axis in ("x", "y"):
+        return f"`{kind}_x`, `{kind}_y`"
+    return f"`{kind}_1`, `{kind}_2`, …"
+
+
 def _row(name: str, gain: Parameter, users: list[str], count: int) -> str:
-    who = "all" if len(users) == count else ", ".join(f"`{user}`" for user in users)
+    who = ", ".join(f"`{user}`" for user in users)
+    if len(users) == count:
+        who = "all"
     return f"| {name} | {who} | {gain.unit} | {gain.nominal:g} | {gain.low:g} to {gain.high:g} | {gain.meaning} |\n"
 
 

@@ -10,7 +10,7 @@ from gen.emit import signature
 from gen.emitted import Emitted
 from gen.model import Model
 
-# of the L-stable step, as a share of each state's bound: 6e-8 rad at worst on a link after 3 s, where 1e-6 is asked
+# of the L-stable step, as a share of each state's bound: 6e-8 rad at worst on a link after 3 s, where 1e-6 is allowed
 TOLERANCE = 1e-6
 MOST_PARTS = 1024
 
@@ -32,9 +32,21 @@ STEPS = (
 
 
 def sizes(model: Model, c: int, build: str, lanes: bool, reference: int | None = None) -> str:
-    """hda_sizes.h; ``reference``: the largest number of reference values where it is not the guard's own."""
+    """Print hda_sizes.h.
+
+    Args:
+        model: The model.
+        c: Number of constants.
+        build: Hash of the build.
+        lanes: Whether the right-hand sides run in lanes.
+        reference: The largest number of reference values where it is not the guard's own.
+
+    Returns:
+        The C text.
+
+    """
     names = [slot.name for slot in model.x_slots]
-    slide = [names.index(f"{'joint' if j in model.rigid else 'motor'}_velocity_{j}") for j in model.joints]
+    slide = [names.index(name) for name in slide_velocities(model)]
     defines: dict[str, Any] = {
         "HDA_N": model.n,
         "HDA_NX": len(model.x_slots),
@@ -62,6 +74,25 @@ def sizes(model: Model, c: int, build: str, lanes: bool, reference: int | None =
     return guarded("HDA_SIZES_H", meaning, lines)
 
 
+def slide_velocities(model: Model) -> list[str]:
+    """Name the velocity in x whose sign is the direction of sliding at each joint.
+
+    Args:
+        model: The model.
+
+    Returns:
+        Names of entries of x: the motor's velocity, or the joint's where the drive is rigid.
+
+    """
+    names = []
+    for j in model.joints:
+        if j in model.rigid:
+            names.append(f"joint_velocity_{j}")
+        else:
+            names.append(f"motor_velocity_{j}")
+    return names
+
+
 def _array(values: Iterable[float]) -> str:
     return "{" + ", ".join(repr(float(value)) for value in values) + "}"
 
@@ -71,11 +102,19 @@ def _widths(model: Model) -> Iterator[float]:
     yield from (0.01 * slot.bound for slot in model.x_slots)
     yield from (slot.bound for slot in model.u_slots)
     for q in model.quantities:
-        yield 1e-3 * abs(q.nominal) if q.nominal else (q.high - q.low) or 1e-3
+        yield 1e-3 * abs(q.nominal) or (q.high - q.low) or 1e-3
 
 
 def header(functions: tuple[Emitted, ...]) -> str:
-    """hda.h, the whole interface of the library."""
+    """Print hda.h, the whole interface of the library.
+
+    Args:
+        functions: The functions to emit.
+
+    Returns:
+        The C text.
+
+    """
     own = "".join(f"/* {f.meaning} */\nHDA_API {signature(f.graph, f.name)};\n" for f in functions)
     steps = "".join(f"/* {meaning} */\nHDA_API {_declare(name, ins, outs)};\n" for name, ins, outs, meaning in STEPS)
     meaning = (
@@ -89,7 +128,17 @@ def header(functions: tuple[Emitted, ...]) -> str:
 
 
 def guarded(name: str, meaning: str, text: str) -> str:
-    """A header that may be included twice."""
+    """Print a header that may be included twice.
+
+    Args:
+        name: The macro that guards it.
+        meaning: Its comment.
+        text: Its content.
+
+    Returns:
+        The C text.
+
+    """
     return f"/* {meaning} */\n#ifndef {name}\n#define {name}\n\n{text}\n#endif\n"
 
 
@@ -99,9 +148,18 @@ def _declare(name: str, ins: Any, outs: Any) -> str:
 
 
 def table(functions: tuple[Emitted, ...], mpc: bool = False) -> str:
-    """hda_table.h: what Python may call, with the length of every array; ``mpc``: the predictive controller too."""
-    entries = [(f.name, [(a, str(n)) for a, n in f.inputs], [(a, str(n)) for a, n in f.outputs]) for f in functions]
-    entries += [(name, [_sized(a) for a in ins], [_sized(a) for a in outs]) for name, ins, outs, _ in STEPS]
+    """Print hda_table.h: the functions that Python may call, with the length of every array.
+
+    Args:
+        functions: The functions to emit.
+        mpc: Whether the predictive controller is among them.
+
+    Returns:
+        The C text.
+
+    """
+    entries: list[Any] = [(f.name, f.inputs, f.outputs) for f in functions]
+    entries += [(name, list(map(_sized, ins)), list(map(_sized, outs))) for name, ins, outs, _ in STEPS]
     calls, rows = [], []
     for name, ins, outs in entries:
         arguments = ", ".join(f"a[{k}]" for k in range(len(ins) + len(outs)))
@@ -120,21 +178,28 @@ def table(functions: tuple[Emitted, ...], mpc: bool = False) -> str:
 
 
 def laws(found: tuple[Law, ...]) -> str:
-    """hda_laws.h: the controllers by number, with the bounds of their gains."""
-    most = {what: max(len(getattr(law, what)) for law in found) for what in ("gains", "reference", "state")}
+    """Print hda_laws.h: the controllers by number, with the bounds of their gains.
+
+    Args:
+        found: The controllers.
+
+    Returns:
+        The C text.
+
+    """
     rows = " \\\n".join(
         f"  HDA_LAW({law.name}, {len(law.gains)}, {len(law.reference)}, {len(law.state)})" for law in found
     )
     numbers = "".join(f"#define HDA_LAW_{law.name} {k}\n" for k, law in enumerate(found))
 
-    def bounds(which: str) -> str:
-        rows = ("{" + ", ".join(repr(float(getattr(g, which))) for g in law.gains) + "}" for law in found)
-        return "{" + ", ".join(rows) + "}"
-
     defines: dict[str, Any] = {
-        f"{what}_MOST": most[key] for what, key in (("GAINS", "gains"), ("REFERENCE", "reference"), ("MEMORY", "state"))
+        "GAINS_MOST": max(len(law.gains) for law in found),
+        "REFERENCE_MOST": max(len(law.reference) for law in found),
+        "MEMORY_MOST": max(len(law.state) for law in found),
+        "GAINS_NOMINAL": _rows_of_gains(found, "nominal"),
+        "GAINS_LOW": _rows_of_gains(found, "low"),
+        "GAINS_HIGH": _rows_of_gains(found, "high"),
     }
-    defines |= {f"GAINS_{which.upper()}": bounds(which) for which in ("nominal", "low", "high")}
     lines = "".join(f"#define HDA_{name} {value}\n" for name, value in defines.items())
     meaning = (
         "The controllers: name, and numbers of gains, reference values and memory. The manifest names every entry."
@@ -142,6 +207,15 @@ def laws(found: tuple[Law, ...]) -> str:
     return guarded("HDA_LAWS_H", meaning, f"{numbers}#define HDA_LAW_LIST(HDA_LAW) \\\n{rows}\n{lines}")
 
 
+def _rows_of_gains(found: tuple[Law, ...], which: str) -> str:
+    """Nominal, low or high values of every law's gains as a C array."""
+    rows = [_array(getattr(gain, which) for gain in law.gains) for law in found]
+    return "{" + ", ".join(rows) + "}"
+
+
 def _sized(argument: tuple[str, str]) -> tuple[str, str]:
+    """The argument with its size as a macro."""
     name, size = argument
-    return name, size if size == "1" else f"HDA_{size}"
+    if size == "1":
+        return name, size
+    return name, f"HDA_{size}"

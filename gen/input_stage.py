@@ -1,7 +1,7 @@
-"""What the input effects make of a command, as a function to emit; `hda_input.c` runs it row by row.
+"""The input effects as a function of the command, to be emitted; `hda_input.c` runs it row by row.
 
-The order is that of a drive's electronics: the command arrives late, what has arrived is limited and sags with the
-supply, and the current follows that with a lag.
+The order is that of a drive's electronics: the command arrives late, is limited and sags with the supply, and the
+current follows it with a lag.
 """
 
 from __future__ import annotations
@@ -18,8 +18,16 @@ SX = ca.SX
 
 
 def law(model: Model, c: Any) -> Emitted:
-    """(command, c) -> current that is let through (n), by how much it is late, s (n), time constant of its lag, s
-    (n). Currents in A, torques in N m where the robot's input is torque."""
+    """Write the input effects: (command, c) -> current (n), its delay, s (n), time constant of its lag, s (n).
+
+    Args:
+        model: The model.
+        c: The symbols of its constants.
+
+    Returns:
+        The function to emit; currents in A, or torques in N m where the robot's input is torque.
+
+    """
     command = SX.sym("command", model.n)
     through, late, constant = [], [], []
     for j in model.joints:

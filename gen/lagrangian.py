@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
-from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -70,9 +69,18 @@ class Lambdified:
 
 @cache
 def derive(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
-    """The equations of motion of the chain ``kinds``, base first, with a drive per joint, or none for bare links.
+    """Derive the equations of motion of a chain.
 
-    Raises ValueError with one sentence for each thing wrong.
+    Args:
+        kinds: Kind of each joint, base first: ``revolute`` or ``prismatic``.
+        drives: Drive of each joint: ``flexible`` or ``rigid``; none for bare links.
+
+    Returns:
+        The equations of motion.
+
+    Raises:
+        ValueError: The chain is none, with one sentence for each problem.
+
     """
     _check(kinds, drives)
     n = len(kinds)
@@ -84,9 +92,8 @@ def derive(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
 
     kinetic, height, tip = _links(kinds, joints, rates)
     if drives:
-        theta_rate = {
-            j: motor_rates[flexible.index(j)] if j in flexible else _of("ratio", j) * rates[j] for j in range(n)
-        }
+        theta_rate = {j: _of("ratio", j) * rates[j] for j in range(n)}
+        theta_rate |= dict(zip(flexible, motor_rates, strict=True))
         kinetic += sum(_of("motor_inertia", j) * theta_rate[j] ** 2 for j in range(n)) / 2
     springs, torques, spring_torques = _springs(flexible, joints, motors, q)
 
@@ -111,7 +118,18 @@ def derive(kinds: tuple[str, ...], drives: tuple[str, ...] = ()) -> Lagrangian:
 
 @cache
 def lambdified(model: Lagrangian) -> Lambdified:
-    """NumPy functions of a model without flexible drives, whose springs are left as symbols; ValueError otherwise."""
+    """Make NumPy functions of a model.
+
+    Args:
+        model: The equations of motion, without flexible drives.
+
+    Returns:
+        Functions of q, v and the parameters by name.
+
+    Raises:
+        ValueError: A drive is flexible: its springs are symbols without numbers.
+
+    """
     if "flexible" in model.drives:
         raise ValueError("a flexible drive's spring energy is a symbol without a number: give rigid drives or none")
     names = [str(parameter) for parameter in model.parameters]
@@ -131,9 +149,9 @@ def _check(kinds: tuple[str, ...], drives: tuple[str, ...]) -> None:
         problems.append(f"the Lagrangian is derived for 1 to {MOST_JOINTS} joints, not for {len(kinds)}")
     if drives and len(drives) != len(kinds):
         problems.append(f"{len(drives)} drives are given for {len(kinds)} joints: give one per joint, or none")
-    for what, given, possible in (("kind", kinds, KINDS), ("drive", drives, DRIVES)):
+    for noun, given, possible in (("kind", kinds, KINDS), ("drive", drives, DRIVES)):
         problems += [
-            f"{what} of joint {j} is {one!r}: possible are {', '.join(possible)}"
+            f"{noun} of joint {j} is {one!r}: possible are {', '.join(possible)}"
             for j, one in enumerate(given, start=1)
             if one not in possible
         ]
@@ -163,14 +181,16 @@ def _links(
     kinds: tuple[str, ...], q: tuple[sp.Symbol, ...], v: tuple[sp.Symbol, ...]
 ) -> tuple[sp.Expr, sp.Expr, sp.Matrix]:
     """Kinetic energy, potential energy and tip of the links. A prismatic link slides along its x and has no length."""
-    turns = [q[j] if kind == "revolute" else 0 for j, kind in enumerate(kinds)]
-    kinetic, potential, origin = sp.S.Zero, sp.S.Zero, sp.zeros(2, 1)
-    for j, angle in enumerate(accumulate(turns)):
+    angle, kinetic, potential, origin = sp.S.Zero, sp.S.Zero, sp.S.Zero, sp.zeros(2, 1)
+    for j, kind in enumerate(kinds):
+        slide, length = q[j], 0
+        if kind == "revolute":
+            slide, length = 0, _of("length", j)
+            angle = angle + q[j]
         along = sp.Matrix([sp.cos(angle), sp.sin(angle)])
-        slide, length = (0, _of("length", j)) if kinds[j] == "revolute" else (q[j], 0)
         center = origin + (slide + _of("center_of_mass", j)) * along
         velocity = center.jacobian(q) * sp.Matrix(v)
-        spin = sp.diff(angle, sp.Matrix(q)).dot(v) if angle != 0 else 0
+        spin = sp.Matrix([sp.diff(angle, coordinate) for coordinate in q]).dot(v)
         kinetic += (_of("mass", j) * velocity.dot(velocity) + _of("inertia", j) * spin**2) / 2
         potential -= _of("mass", j) * _gravity().dot(center)
         origin = origin + (slide + length) * along

@@ -1,4 +1,4 @@
-"""Everything that a library holds: the model's functions, the torque estimate and the controllers."""
+"""The whole content of a library: the model's functions, the torque estimate and the controllers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,15 @@ class Library:
 
 
 def library(model: Model) -> Library:
-    """The library of a model."""
+    """Write the library of a model.
+
+    Args:
+        model: The model.
+
+    Returns:
+        Its graphs, its functions and its controllers.
+
+    """
     graphs = assemble(model)
     controllers = laws(model, graphs.c)
     ticks = tuple(f for law in controllers for f in (law.start, law.tick))
@@ -43,8 +51,10 @@ def _torque_estimate(model: Model, c: Any) -> Emitted:
 
 
 def _force_map(model: Model, c: Any) -> Emitted:
-    """(JJᵀ)⁻¹ J N, by rows: what the guard limits. Near singular poses it grows without bound, and so does the force
-    it stands for."""
+    """(JJᵀ)⁻¹ J N, by rows: the map to the force that the guard limits.
+
+    Near singular poses it grows without bound, and so does that force.
+    """
     q = SX.sym("q", model.n)
     J = model.chain.jacobian(q, model.chain_parameters())
     square = J @ J.T + 1e-12 * SX.eye(2)

@@ -1,8 +1,8 @@
 """C text of closed loops in lanes: sensors, controllers and right-hand side over vectors of trajectories, as a header
 that `hda_loops.c` includes.
 
-A lane is a trajectory with gains of its own; the model's constants c and the reference are shared. What a controller
-computes from its gains alone is taken out of its tick and computed once.
+A lane is a trajectory with gains of its own; the model's constants c and the reference are shared. Expressions of a
+controller's gains alone are taken out of its tick and computed once.
 """
 
 from __future__ import annotations
@@ -24,19 +24,21 @@ SENSED = ("motor_position", "joint_position", "tip")
 
 @dataclass(frozen=True)
 class Tick:
-    """A controller's tick with what depends on its gains alone taken out."""
+    """A controller's tick, apart from the expressions of its gains alone."""
 
     prepare: ca.Function  # gains -> k
     tick: ca.Function  # (measured, sent, reference, gains, k, c, state) -> (torque, next)
 
 
 def split(law: Law) -> Tick:
-    """The two parts of a law's tick."""
+    """Take the expressions of the gains alone out of a law's tick."""
     f = law.tick.graph
     names = [f.name_in(i) for i in range(f.n_in())]
     ins = {name: SX.sym(name, f.numel_in(i)) for i, name in enumerate(names)}
     changed, symbols, definitions = hoist(f.call(list(ins.values())), ins["gains"])
-    k = ca.vertcat(*symbols) if symbols else SX(0, 1)
+    k = SX(0, 1)
+    if symbols:
+        k = ca.vertcat(*symbols)
     prepare = ca.Function("prepare", [ins["gains"]], [ca.vertcat(*definitions)], ["gains"], ["k"], {"cse": True})
     given = {**{name: ins[name] for name in names if name not in ("c", "state")}, "k": k, "c": ins["c"]}
     given["state"] = ins["state"]
@@ -45,7 +47,16 @@ def split(law: Law) -> Tick:
 
 
 def header(graphs: Graphs, laws: tuple[Law, ...]) -> str:
-    """hda_loops_laws.h."""
+    """Print hda_loops_laws.h: sensors, controllers and right-hand side over vectors of trajectories.
+
+    Args:
+        graphs: The model's graphs.
+        laws: The controllers.
+
+    Returns:
+        The C text.
+
+    """
     rhs = next(f for f in graphs.functions if f.name == "rhs").graph
     ticks = {law.name: split(law) for law in laws}
     most = max([1, *(found.prepare.numel_out(0) for found in ticks.values())])
@@ -69,7 +80,7 @@ def header(graphs: Graphs, laws: tuple[Law, ...]) -> str:
 
 
 def _sensed(graphs: Graphs) -> ca.Function:
-    """What sensors without noise read, and the tip."""
+    """The readings of sensors without noise, and the tip."""
     f = next(f for f in graphs.functions if f.name == "outputs").graph
     ins = [SX.sym(f.name_in(i), f.numel_in(i)) for i in range(f.n_in())]
     found = dict(zip((f.name_out(i) for i in range(f.n_out())), f.call(ins), strict=True))
@@ -78,16 +89,20 @@ def _sensed(graphs: Graphs) -> ca.Function:
 
 
 def _over_lanes(f: ca.Function, name: str) -> str:
-    """The function over vectors; what is shared comes as plain doubles."""
+    """The function over vectors; shared arguments come as plain doubles."""
+    names = [f.name_in(k) for k in range(f.n_in())]
 
     def read(argument: int, entry: int) -> str:
-        source = f"{f.name_in(argument)}[{entry}]"
-        return f"{source} - ({KIND}){{0}}" if f.name_in(argument) in SHARED else source
+        source = f"{names[argument]}[{entry}]"
+        if names[argument] in SHARED:
+            return f"{source} - ({KIND}){{0}}"
+        return source
 
     operation = fast(vector_operation(KIND), KIND)
     lines = body(f, read, lambda k, i: f"{f.name_out(k)}[{i}]", operation, KIND)
-    ins = [f"const {'double' if n in SHARED else KIND} *{n}" for n in (f.name_in(k) for k in range(f.n_in()))]
+    types = dict.fromkeys(names, KIND) | dict.fromkeys(SHARED, "double")
+    ins = [f"const {types[name]} *{name}" for name in names]
     outs = [f"{KIND} *{f.name_out(k)}" for k in range(f.n_out())]
-    unused = "".join(f"    (void){f.name_in(k)};\n" for k in range(f.n_in()))
+    unused = "".join(f"    (void){argument};\n" for argument in names)
     text = "".join(f"    {line}\n" for line in lines)
     return f"static void {name}({', '.join(ins + outs)}) {{\n{unused}{text}}}\n"

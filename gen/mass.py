@@ -18,7 +18,16 @@ LEAST = 1e-12  # kg m² or kg on the diagonal of M
 
 
 def mass_matrix(joints: tuple[Joint, ...], q: np.ndarray) -> np.ndarray:
-    """M at each row of ``q`` (points × n; rad, m): points × n × n, by the Jacobians of the centres of mass."""
+    """Compute the mass matrix by the Jacobians of the centres of mass.
+
+    Args:
+        joints: The joints, base first.
+        q: Joint positions (points × n), rad or m.
+
+    Returns:
+        M at each row of ``q`` (points × n × n), kg m² or kg.
+
+    """
     points, n = q.shape
     turns = np.array([joint.kind == "revolute" for joint in joints], dtype=float)
     alpha = np.cumsum(q * turns, axis=1)
@@ -27,12 +36,16 @@ def mass_matrix(joints: tuple[Joint, ...], q: np.ndarray) -> np.ndarray:
     tip = np.zeros((points, 2))
     M = np.zeros((points, n, n))
     for j, joint in enumerate(joints):
-        origins[:, j] = tip if turns[j] else tip + q[:, j, None] * e[:, j]
+        origins[:, j] = tip
+        if not turns[j]:
+            origins[:, j] = tip + q[:, j, None] * e[:, j]
         center = origins[:, j] + joint.center_of_mass.nominal * e[:, j]
         columns = np.zeros((points, n, 2))
         for k in range(j + 1):
             lever = center - origins[:, k]
-            columns[:, k] = np.stack([-lever[:, 1], lever[:, 0]], axis=-1) if turns[k] else e[:, k]
+            columns[:, k] = e[:, k]
+            if turns[k]:
+                columns[:, k] = np.stack([-lever[:, 1], lever[:, 0]], axis=-1)
         spin = turns * (np.arange(n) <= j)
         M += joint.mass.nominal * columns @ columns.transpose(0, 2, 1) + joint.inertia.nominal * np.outer(spin, spin)
         if joint.drive.rigid:
@@ -42,11 +55,18 @@ def mass_matrix(joints: tuple[Joint, ...], q: np.ndarray) -> np.ndarray:
 
 
 def singular(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | None:
-    """Joint positions at which M is not positive definite, and its smallest eigenvalue there; None if there are none.
+    """Find joint positions at which the mass matrix is not positive definite.
 
-    The eigenvalue is that of M scaled to a unit diagonal. Looked for on a grid over full turns of every revolute
-    joint but the first, on which M does not depend, the straight and the folded arm included, and over the stated
-    range of every prismatic joint (±1 m where none is stated).
+    The grid covers full turns of every revolute joint but the first, on which M does not depend, the straight and the
+    folded arm included. It covers the stated range of every prismatic joint, or ±1 m where none is stated.
+
+    Args:
+        joints: The joints, base first.
+
+    Returns:
+        The positions (n), rad or m, and the smallest eigenvalue there, of M scaled to a unit diagonal; None where M is
+        positive definite on the whole grid.
+
     """
     q = _grid(joints)
     M = mass_matrix(joints, q)
@@ -60,7 +80,15 @@ def singular(joints: tuple[Joint, ...]) -> tuple[tuple[float, ...], float] | Non
 
 
 def mobility(joints: tuple[Joint, ...]) -> np.ndarray:
-    """How easily each joint is moved at most (n), 1/(kg m²) or 1/kg: the diagonal of M⁻¹ over the same grid."""
+    """Compute how easily each joint is moved at most, over the grid of `singular`.
+
+    Args:
+        joints: The joints, base first.
+
+    Returns:
+        The largest diagonal of M⁻¹ (n), 1/(kg m²) or 1/kg.
+
+    """
     return np.asarray(np.diagonal(np.linalg.inv(mass_matrix(joints, _grid(joints))), axis1=1, axis2=2).max(0))
 
 

@@ -8,15 +8,25 @@ from typing import Any
 import casadi as ca
 
 from gen import drive
+from gen.drive_equations import Drives, never_driving
 from gen.effect import Port, Signals
 from gen.emitted import Emitted, dense
-from gen.model import Drives, Model
+from gen.model import Model
 
 SX = ca.SX
 
 
 def kinematics(model: Model, c: Any) -> list[Emitted]:
-    """Where the joints and the tip are, how they move, and the inverse where it is closed."""
+    """Write the functions of positions and velocities alone, with the closed inverse where there is one.
+
+    Args:
+        model: The model.
+        c: The symbols of its constants.
+
+    Returns:
+        The functions to emit.
+
+    """
     chain, p = model.chain, model.chain_parameters()
     q, v = SX.sym("q", model.n), SX.sym("v", model.n)
     J = chain.jacobian(q, p)
@@ -40,10 +50,9 @@ def kinematics(model: Model, c: Any) -> list[Emitted]:
         )
     )
     load = SX.sym("joint_torque", model.n)
-    twist = [
-        drive.torsion(load[j - 1], drive.springs(model.of_joint(j))) if j in model.flexible else SX(0)
-        for j in model.joints
-    ]
+    twist = [SX(0)] * model.n
+    for j in model.flexible:
+        twist[j - 1] = drive.torsion(load[j - 1], drive.springs(model.of_joint(j)))
     out.append(
         Emitted(
             dense("torsion", {"joint_torque": load, "c": c}, {"torsion": ca.vertcat(*twist)}),
@@ -65,21 +74,42 @@ def kinematics(model: Model, c: Any) -> list[Emitted]:
 
 
 def positions(model: Model, c: Any) -> Emitted:
-    """(x, c) -> what encoders of motors and joints show in state x (n each), none read late: all that a log of
-    positions needs of x, at a small part of the cost of `outputs`."""
+    """Write the readings of the encoders of motors and joints in state x, none of them read late.
+
+    A log of positions needs no more of x, and this costs a small part of `outputs`.
+
+    Args:
+        model: The model.
+        c: The symbols of its constants.
+
+    Returns:
+        The function to emit.
+
+    """
     q, v, a = (SX.sym(name, model.n) for name in "qva")
     angle, _ = readings(model, q, v, a)
     still = ca.substitute(angle, ca.vertcat(q, v, a), ca.vertcat(model.q, SX.zeros(2 * model.n)))
-    motors = [
-        model.of_joint(j)["ratio"] * model.q[j - 1] if j in model.rigid else model.slot(f"motor_position_{j}")
-        for j in model.joints
-    ]
+    motors = []
+    for j in model.joints:
+        if j in model.rigid:
+            motors.append(model.of_joint(j)["ratio"] * model.q[j - 1])
+        else:
+            motors.append(model.slot(f"motor_position_{j}"))
     shown = {"motor_position": ca.vertcat(*motors), "joint_position": still}
     return Emitted(dense("positions", {"x": model.x, "c": c}, shown), "what encoders show that are not read late, rad")
 
 
 def dynamics(model: Model, c: Any) -> list[Emitted]:
-    """Mass matrix, Coriolis, gravity, inverse dynamics, energy, outputs."""
+    """Write mass matrix, Coriolis matrix, gravity, inverse dynamics, energy and outputs.
+
+    Args:
+        model: The model.
+        c: The symbols of its constants.
+
+    Returns:
+        The functions to emit.
+
+    """
     chain, p = model.chain, model.chain_parameters()
     n, q, a = model.n, model.q, SX.sym("a", model.n)
     x, u = model.x, model.u
@@ -119,7 +149,7 @@ def dynamics(model: Model, c: Any) -> list[Emitted]:
 
 
 def _total(model: Model, port: Port, j: int, signals: Signals) -> Any:
-    """What effects without memory add at a port of joint j; those with one stand where they began."""
+    """The sum of the effects without states at a port of joint j; effects with states stand where they began."""
     p = model.of_joint(j)
     return sum((e.equation(signals, p) for e in model.at(port, j) if not e.states), SX(0))
 
@@ -142,19 +172,17 @@ def _motor_torque(model: Model, q: Any, v: Any, a: Any, joint_torque: Any) -> An
             ratio=p["ratio"],
         )
         level = _total(model, Port.FRICTION, j, signals)
-        level = ca.fmax(level, 0) if model.dips(j) else level
+        level = never_driving(level, model.at(Port.FRICTION, j))
         other = _total(model, Port.MOTOR, j, replace(signals, friction_level=level))
         link = _total(model, Port.LINK, j, signals)
-        reaction = model.reaction(j, p)
-        carried = 0 if reaction is None else (reaction @ a)[0]
-        own = p["motor_inertia"] * (p["ratio"] * a[j - 1] + carried)
+        own = p["motor_inertia"] * (p["ratio"] * a[j - 1] + model.carried_motion(j, p, a))
         out.append(own + level * direction - other + (joint_torque[j - 1] - link) / p["ratio"])
     torque = ca.vertcat(*out)
     for j in model.joints:  # the rotor of a later joint pulls on the links that carry it
         p = model.of_joint(j)
         reaction = model.reaction(j, p)
         if reaction is not None:
-            push = p["motor_inertia"] * (p["ratio"] * a[j - 1] + (reaction @ a)[0])
+            push = p["motor_inertia"] * (p["ratio"] * a[j - 1] + model.carried_motion(j, p, a))
             torque = torque + ca.vertcat(*(reaction[k - 1] * push / model.of_joint(k)["ratio"] for k in model.joints))
     return torque
 
@@ -165,15 +193,15 @@ def _energy(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
     potential = SX(0)
     for j in model.flexible:
         own = model.of_joint(j)
-        reaction = model.reaction(j, own)
-        speed = model.slot(f"motor_velocity_{j}") + (0 if reaction is None else (reaction @ v)[0])
+        speed = model.slot(f"motor_velocity_{j}") + model.carried_motion(j, own, v)
         kinetic = kinetic + own["motor_inertia"] * speed * speed / 2
         potential = potential + own["stiffness_level"] * drive.energy(drives[j].spring_torque, drive.springs(own))
     points = model.chain.points(q, p)
     bodies = model.chain.bodies(p)
     absolute = SX(0)
     for j in model.joints:
-        absolute = absolute + (q[j - 1] if model.robot.joints[j - 1].kind == "revolute" else 0)
+        if model.robot.joints[j - 1].kind == "revolute":
+            absolute = absolute + q[j - 1]
         com = [
             bodies[j - 1].mass * points[j - 1, k] + bodies[j - 1].moment * f(absolute)
             for k, f in ((0, ca.cos), (1, ca.sin))
@@ -183,7 +211,16 @@ def _energy(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
 
 
 def sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
-    """What a complete set of exact sensors reads of the drives' state, by name."""
+    """Write the readings of a complete set of exact sensors.
+
+    Args:
+        model: The model.
+        drives: The drive of each joint by its number.
+
+    Returns:
+        The readings by name (n each; 2 at the tip).
+
+    """
     out: dict[str, list[Any]] = {
         k: [] for k in ("motor_position", "motor_velocity", "torsion", "beyond_law", "joint_torque")
     }
@@ -208,7 +245,7 @@ def sensed(model: Model, drives: dict[int, Drives]) -> dict[str, Any]:
 
 
 def _encoders(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
-    """What the joints' encoders read in state x (n), and how fast that changes (n)."""
+    """The readings of the joints' encoders in state x (n), and their rates (n)."""
     a = SX.sym("a", model.n)
     angle, rate = readings(model, model.q, model.v, a)
     if not ca.depends_on(ca.vertcat(angle, rate), a):
@@ -220,8 +257,18 @@ def _encoders(model: Model, drives: dict[int, Drives]) -> tuple[Any, Any]:
 
 
 def readings(model: Model, q: Any, v: Any, a: Any) -> tuple[Any, Any]:
-    """What the joints' encoders read at positions q, velocities v and accelerations a (n each), and how fast that
-    changes, jerk left out (n)."""
+    """Write the readings of the joints' encoders, and their rates without the part of the jerk.
+
+    Args:
+        model: The model.
+        q: Joint positions (n), rad or m.
+        v: Joint velocities (n).
+        a: Joint accelerations (n).
+
+    Returns:
+        The readings (n), rad or m, and their rates (n).
+
+    """
     angles, rates = [], []
     for j in model.joints:
         p, (at, speed, change) = model.of_joint(j), (w[j - 1] for w in (q, v, a))

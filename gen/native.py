@@ -88,8 +88,18 @@ class Form:
     exact: bool  # set-valued friction: the drives read directions and hand over levels
 
     def drive(self, lane: Lane) -> ca.Function:
-        """The lane's graph."""
-        return lane.exact if self.exact else lane.smooth
+        """Choose the graph of a lane's drives.
+
+        Args:
+            lane: The lane.
+
+        Returns:
+            The exact graph for set-valued friction, else the smooth one.
+
+        """
+        if self.exact:
+            return lane.exact
+        return lane.smooth
 
     @property
     def kind(self) -> str:
@@ -98,8 +108,10 @@ class Form:
 
     @property
     def given(self) -> tuple[str, ...]:
-        """What its functions read besides the state."""
-        return ("u", "sliding", "c") if self.exact else ("u", "c")
+        """Names of the arrays that its functions read besides the state."""
+        if self.exact:
+            return "u", "sliding", "c"
+        return "u", "c"
 
     @property
     def arguments(self) -> str:
@@ -113,7 +125,15 @@ class Form:
 
 
 def forms(graphs: Graphs) -> tuple[Form, ...]:
-    """The functions of the model that are evaluated in lanes."""
+    """List the functions of the model that are evaluated in lanes.
+
+    Args:
+        graphs: The model's graphs.
+
+    Returns:
+        Smooth rate, exact rate, and the torques that hold motors.
+
+    """
     return (
         Form("rhs", graphs.chain, False),
         Form("rhs_exact", graphs.exact_chain, True),
@@ -122,23 +142,33 @@ def forms(graphs: Graphs) -> tuple[Form, ...]:
 
 
 def functions(graphs: Graphs) -> str:
-    """hda_native.c: `forms`, and the RK4 steps, with the state in vectors, joints side by side."""
-    widths = sorted({w for lane in graphs.lanes for w in (lane.width, packing.twice(lane.width))})
+    """Print hda_native.c: `forms`, and the RK4 steps, with the state in vectors, joints side by side.
+
+    Args:
+        graphs: The model's graphs.
+
+    Returns:
+        The C text.
+
+    """
+    widths = {lane.width for lane in graphs.lanes}
+    widths |= {packing.twice(width) for width in widths}
     rows = "".join(f"    v{lane.width} lane_{k}[{len(lane.states)}];\n" for k, lane in enumerate(graphs.lanes))
     smooth, exact, holding = forms(graphs)
     parts = [
         HEADER,
-        *(_vector(width) for width in widths),
+        *map(_vector, sorted(widths)),
         f"/* x, or its rate: entries of the joints' drives side by side. */\ntypedef struct {{\n{rows}}} state;\n\n",
         _moves(graphs),
         _along(graphs),
         *_drives(graphs, smooth),
         *_drives(graphs, exact),
-        *(text for form in (smooth, exact, holding) for text in (_evaluate(graphs, form), _interface(graphs, form))),
-        "" if graphs.model.stiff else SMOOTH_STEP,
-        SLIDING_STEP,
     ]
-    return "".join(parts)
+    for form in (smooth, exact, holding):
+        parts += [_evaluate(graphs, form), _interface(graphs, form)]
+    if not graphs.model.stiff:
+        parts.append(SMOOTH_STEP)
+    return "".join([*parts, SLIDING_STEP])
 
 
 def _interface(graphs: Graphs, form: Form) -> str:
@@ -182,11 +212,12 @@ def _places(graphs: Graphs) -> dict[int, str]:
 
 def _fill(graphs: Graphs, pointer: str, source: str) -> list[str]:
     """Statements that make the lanes of a state from one text an entry of x, `source` with its index."""
-    return [
-        f"{pointer}->lane_{k}[{entry}] = (v{lane.width}){_padded(lane, [source.format(i) for i in index])};"
-        for k, lane in enumerate(graphs.lanes)
-        for entry, index in enumerate(lane.states)
-    ]
+    lines = []
+    for k, lane in enumerate(graphs.lanes):
+        for entry, index in enumerate(lane.states):
+            vector = _padded(lane, list(map(source.format, index)))
+            lines.append(f"{pointer}->lane_{k}[{entry}] = (v{lane.width}){vector};")
+    return lines
 
 
 def _moves(graphs: Graphs) -> str:
@@ -206,17 +237,28 @@ def _along(graphs: Graphs) -> str:
 
 
 def fast(operation: Operation, kind: str) -> Operation:
-    """Division as a product with the reciprocal: the divisor is a constant or known long before the dividend."""
+    """Print divisions as products with the reciprocal: the divisor is known long before the dividend.
+
+    Args:
+        operation: Printer of all other operations.
+        kind: C type of a value.
+
+    Returns:
+        The printer.
+
+    """
 
     def chosen(op: int, name: str, a: str, b: str) -> str:
-        return f"const {kind} {name} = {a} * (1.0 / {b});" if op == ca.OP_DIV else operation(op, name, a, b)
+        if op == ca.OP_DIV:
+            return f"const {kind} {name} = {a} * (1.0 / {b});"
+        return operation(op, name, a, b)
 
     return chosen
 
 
 def _chain(graphs: Graphs, form: Form) -> list[str]:
     """The chain's statements; its results stay in values that are named as the outputs, with their entry."""
-    places, handed = _places(graphs), []  # what the chain reads, in its order
+    places, handed = _places(graphs), []  # the lanes' results that the chain reads, in its order
     for k, lane in enumerate(graphs.lanes):
         outputs = form.drive(lane).n_out()
         missing = [""] * (lane.exact.n_out() - outputs)  # the smooth form hands over no friction level
@@ -227,7 +269,9 @@ def _chain(graphs: Graphs, form: Form) -> list[str]:
         name = form.chain.name_in(argument)
         if name == "x":
             return f"x->{places[entry]}"
-        return handed[entry] if name == "handed" else f"{name}[{entry}]"
+        if name == "handed":
+            return handed[entry]
+        return f"{name}[{entry}]"
 
     def write(argument: int, entry: int) -> str:
         return f"const double {form.chain.name_out(argument)}_{entry}"
@@ -236,14 +280,14 @@ def _chain(graphs: Graphs, form: Form) -> list[str]:
 
 
 def _drives(graphs: Graphs, form: Form) -> list[str]:
-    """The functions of the lanes, what the chain waits for longest first."""
+    """The functions of the lanes; the results for which the chain waits longest come first."""
     lines, out = _chain(graphs, form), []
-    urgent = list(zip(schedule.urgency(lines), lines, strict=True))
+    urgency = schedule.urgency(lines)
     for k, lane in enumerate(graphs.lanes):
-        after = {
-            f"h[{entry}]": max((w for w, line in urgent if f"h{k}[{entry}]" in line), default=0)
-            for entry in range(form.drive(lane).n_out())
-        }
+        after = {}
+        for entry in range(form.drive(lane).n_out()):
+            waits = [wait for wait, line in zip(urgency, lines, strict=True) if f"h{k}[{entry}]" in line]
+            after[f"h[{entry}]"] = max(waits, default=0)
         out.append(_lane(graphs, form, k, after))
     return out
 
@@ -264,7 +308,7 @@ def _evaluate(graphs: Graphs, form: Form) -> str:
 
 
 def _lane(graphs: Graphs, form: Form, number: int, after: dict[str, int]) -> str:
-    """The drives of a lane. ``after``: how long the chain takes from each output on."""
+    """The drives of a lane. ``after``: the cycles that the chain takes from each output on."""
     lane = graphs.lanes[number]
     f, kind = form.drive(lane), f"v{lane.width}"
     base = _constants_before(graphs.model, graphs.lanes, number)
@@ -296,10 +340,17 @@ def _constants_before(model: Model, lanes: tuple[Lane, ...], number: int) -> int
 
 
 def batch(graphs: Graphs) -> str:
-    """The right-hand sides over vectors of trajectories, smooth and set-valued, and what holds motors at rest, as a
-    header that `hda_batch_step.h` includes."""
-    chosen = [next(f for f in graphs.functions if f.name == form.name) for form in forms(graphs)]
-    return BATCH + "".join(_batched(f.graph) for f in chosen)
+    """Print `forms` over vectors of trajectories, as a header that `hda_batch_step.h` includes.
+
+    Args:
+        graphs: The model's graphs.
+
+    Returns:
+        The C text.
+
+    """
+    by_name = {f.name: f.graph for f in graphs.functions}
+    return BATCH + "".join(_batched(by_name[form.name]) for form in forms(graphs))
 
 
 def _batched(f: ca.Function) -> str:

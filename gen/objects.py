@@ -1,8 +1,8 @@
 """Compiled objects that are kept: robots of the same structure give the same C, for numbers are parameters, not text.
 
 An object is found by the hash of its preprocessed source, the compiler and the flags, and holds a hash of itself, so
-that a damaged one is made again. The folder that holds them lies beside the builds, which lock it; what another user
-may write is not taken.
+that a damaged one is made again. The folder that holds them lies beside the builds, which lock it; an object that
+another user may write is not taken.
 """
 
 from __future__ import annotations
@@ -18,7 +18,17 @@ PART = ".part-"  # begins the name of one that is being written
 
 
 def key(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
-    """What an object is found by."""
+    """Name an object by everything that decides its content.
+
+    Args:
+        preprocessed: The preprocessed source.
+        command: The compiler and its flags.
+        version: The compiler's version, and the processor where it counts.
+
+    Returns:
+        The hash by which the object is found.
+
+    """
     digest = hashlib.sha256()
     for part in (preprocessed, "\0".join(command).encode(), version.encode()):
         digest.update(len(part).to_bytes(8, "little"))
@@ -27,7 +37,16 @@ def key(preprocessed: bytes, command: tuple[str, ...], version: str) -> str:
 
 
 def fetch(kept: Path, name: str) -> bytes | None:
-    """The object of that key, None where there is none that is whole."""
+    """Fetch an object; damaged ones are removed, and those of another user are passed over.
+
+    Args:
+        kept: The folder of kept objects.
+        name: The object's hash (`key`).
+
+    Returns:
+        The object, or None where there is none that is whole.
+
+    """
     for path in kept.glob(f"{name}-*.o"):
         try:
             if find_other_writer(path):
@@ -42,7 +61,14 @@ def fetch(kept: Path, name: str) -> bytes | None:
 
 
 def keep(kept: Path, name: str, content: bytes) -> None:
-    """Put an object away, whole or not at all, and throw away the oldest beyond MOST."""
+    """Put an object away, whole or not at all, and throw away the oldest beyond MOST.
+
+    Args:
+        kept: The folder of kept objects.
+        name: The object's hash (`key`).
+        content: The object.
+
+    """
     kept.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = kept / f"{name}-{_hash(content)}.o"
     part = kept / f"{PART}{secrets.token_hex(8)}"
@@ -56,13 +82,18 @@ def keep(kept: Path, name: str, content: bytes) -> None:
 
 
 def discard_parts(kept: Path) -> None:
-    """Remove what a kill left half-written, while nobody else writes."""
+    """Remove the files that a killed process left half-written, while nobody else writes.
+
+    Args:
+        kept: The folder of kept objects.
+
+    """
     for part in kept.glob(f"{PART}*"):
         part.unlink(missing_ok=True)
 
 
 def _age(path: Path) -> float:
-    """When it was made; what another thread has just thrown away counts as new."""
+    """When the file was made; one that another thread has just thrown away counts as new."""
     try:
         return path.stat().st_mtime
     except FileNotFoundError:

@@ -1,6 +1,6 @@
 """Long polynomials of a lane in vectors twice as wide: even and odd powers side by side halve the operations.
 
-A polynomial is found in the list of instructions, whatever scheme it was written in: constants that follow each other
+A polynomial is found in the list of instructions, in any scheme of evaluation: constants that follow each other
 in c times the powers of one value, all summed up.
 """
 
@@ -25,14 +25,33 @@ class Polynomial:
 
 
 def twice(width: int) -> int:
-    """Width of the vectors in which a lane's polynomials are computed."""
-    return 2 * width if 2 * width <= WIDEST else width
+    """Find the width of the vectors in which a lane's polynomials are computed.
+
+    Args:
+        width: The lane's width.
+
+    Returns:
+        Twice the width, or the same where that would be wider than WIDEST.
+
+    """
+    if 2 * width <= WIDEST:
+        return 2 * width
+    return width
 
 
 def pack(f: ca.Function, lines: list[str], constants: int, width: int, at: Callable[[int], str]) -> list[str]:
-    """The statements of a lane (`emit.body`) with its long polynomials packed.
+    """Pack the long polynomials of a lane.
 
-    ``constants``: number of the argument that holds the constants; ``at``: their place in C.
+    Args:
+        f: The lane's graph.
+        lines: Its statements (`emit.body`).
+        constants: Number of the argument that holds the constants.
+        width: The lane's width.
+        at: C text of the place of a constant, by its entry.
+
+    Returns:
+        The statements with packed polynomials.
+
     """
     if twice(width) == width:
         return lines
@@ -55,10 +74,13 @@ def pack(f: ca.Function, lines: list[str], constants: int, width: int, at: Calla
 def _reads(f: ca.Function) -> list[tuple[int, ...]]:
     """For each instruction, the instructions whose results it reads."""
     holds: dict[int, int] = {}
-    out = []
+    out: list[tuple[int, ...]] = []
     for k in range(f.n_instructions()):
         op = f.instruction_id(k)
-        out.append(() if op in (ca.OP_INPUT, ca.OP_CONST) else tuple(holds[i] for i in f.instruction_input(k)))
+        if op in (ca.OP_INPUT, ca.OP_CONST):
+            out.append(())
+        else:
+            out.append(tuple(holds[i] for i in f.instruction_input(k)))
         if op != ca.OP_OUTPUT:
             holds[f.instruction_output(k)[0]] = k
     return out
@@ -76,14 +98,17 @@ def _polynomials(f: ca.Function, reads: list[tuple[int, ...]], constants: int) -
             x, n = powers.get(read[0], (read[0], 1))
             powers[k] = (x, 2 * n)
         elif op == ca.OP_MUL and (read[0] in found) != (read[1] in found):
-            factor, part = read if read[1] in found else read[::-1]
+            factor, part = read
+            if part not in found:
+                factor, part = part, factor
             (x, n), p = powers.get(factor, (factor, 1)), found[part]
             if p.x in (None, x):
                 found[k] = Polynomial(x, {m + n: entry for m, entry in p.terms.items()})
         elif op == ca.OP_ADD and read[0] in found and read[1] in found:
             p, q = found[read[0]], found[read[1]]
-            if (p.x is None or q.x is None or p.x == q.x) and not p.terms.keys() & q.terms.keys():
-                found[k] = Polynomial(q.x if p.x is None else p.x, {**p.terms, **q.terms})
+            bases = {p.x, q.x} - {None}
+            if len(bases) <= 1 and not p.terms.keys() & q.terms.keys():
+                found[k] = Polynomial(next(iter(bases), None), {**p.terms, **q.terms})
     return found
 
 
@@ -116,7 +141,8 @@ def _evaluation(k: int, p: Polynomial, width: int, at: Callable[[int], str]) -> 
             sums.append(f"{terms[i]}_{level}")
             lines.append(f"const {wide} {sums[-1]} = {terms[i]} + {me}_x{level} * {terms[i + 1]};")
         terms, level = sums + terms[2 * len(sums) :], level + 1
-    even, odd = (", ".join(f"{terms[0]}[{i}]" for i in part) for part in (range(width), range(width, 2 * width)))
+    entries = [f"{terms[0]}[{i}]" for i in range(2 * width)]
+    even, odd = ", ".join(entries[:width]), ", ".join(entries[width:])
     return [
         *lines,
         f"const {kind} {me}_even = {{{even}}};",

@@ -41,13 +41,21 @@ class ParameterValue:
 
 
 def parameters(robot: Robot) -> tuple[ParameterValue, ...]:
-    """Gravity, then joint after joint the link's and the drive's parameters in the order of `LINK` and `MOTOR`.
+    """List the parameters of the model with their bounds.
 
-    What a drive does not have (springs if rigid, a torque constant if its input is torque) is left out.
-    Bounds: from a third of the nominal to three times it, or as far from 0 as the key's ``width`` where it is 0,
-    within the physical range; a motor's friction from nothing to its physical range, as what a file states may be a
-    guess, or a gear's where a whole joint's is meant; damping of a spring from nothing to LOSSES times the nominal, to
-    its physical range where that is 0; a lumped inertia may be negative; a prismatic joint's length is 0.
+    A drive without springs, or without a torque constant, has no such parameters. Bounds lie within the physical range:
+
+    - from a third of the nominal to three times it, or as far from 0 as the key's ``width`` where it is 0;
+    - a motor's friction from nothing up, as a file may state a guess, or a gear's friction for a whole joint's;
+    - damping of a spring from nothing to LOSSES times the nominal, or up to its physical range where that is 0;
+    - a lumped inertia may be negative, and a prismatic joint's length is 0.
+
+    Args:
+        robot: The robot description.
+
+    Returns:
+        Gravity, then joint after joint the link's and the drive's parameters in the order of `LINK` and `MOTOR`.
+
     """
     gravity = keys("")["gravity"]
     values = [
@@ -72,9 +80,14 @@ def _parameter(name: str, key: Key, kind: str, value: Value, joint: int) -> Para
 def _bounds(key: Key, kind: str, nominal: float) -> tuple[float, float]:
     if key.name == "length" and kind == "prismatic":
         return 0.0, 0.0
-    least = -key.range.high if key.name == "inertia" and nominal < 0 else key.range.low
+    if key.name == "torsional_damping" and nominal:
+        return 0.0, min(LOSSES * nominal, key.range.high)
     if key.name in DISSIPATING:
-        stated = key.name == "torsional_damping" and nominal
-        return 0.0, min(LOSSES * nominal, key.range.high) if stated else key.range.high
-    low, high = sorted((nominal / 3, nominal * 3)) if nominal else (-key.width, key.width)
+        return 0.0, key.range.high
+    least = key.range.low
+    if key.name == "inertia" and nominal < 0:
+        least = -key.range.high
+    low, high = -key.width, key.width
+    if nominal:
+        low, high = sorted((nominal / 3, nominal * 3))
     return max(low, least), min(high, key.range.high)

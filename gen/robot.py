@@ -1,7 +1,7 @@
-"""Reads a robot.toml or a preset, checks it as a whole, and fills in what it leaves open.
+"""Reads a robot.toml or a preset, checks it as a whole, and fills in the values that it leaves open.
 
-Everything wrong in a file is reported at once, one sentence each: file, key, what was found, what is possible, what to
-do.
+All problems of a file are reported at once, one sentence each: file, key, the value found, the values possible, and the
+cure.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gen import rules
-from gen.catalogue import CATALOGUE, SHEET, Gear, drive_laws
+from gen.catalogue import CATALOGUE, SHEET, SPRING_KEYS, Gear, drive_laws
 from gen.description import Drive, Joint, Limits, Robot, RobotError, Sensor, StatedEffect, Value, canonical
 from gen.effect import Effect
 from gen.entry import shown
@@ -38,26 +38,57 @@ __all__ = [
     "parameters",
 ]
 
-SPRINGS = ("flexspline_stiffness", "flexspline_stiffening", "wave_generator_stiffness", "wave_generator_stiffening")
-
 
 def load(source: str | Path, effects: tuple[Effect, ...] | None = None) -> Robot:
-    """The robot of a preset's name or of a robot.toml. Raises RobotError.
+    """Read a robot.toml or a preset.
 
-    ``effects`` are those that [[effect]] may name; None: all of `gen.effects`.
+    Args:
+        source: A preset's name or the path of a robot.toml.
+        effects: The effects that [[effect]] may name; None: all of `gen.effects`.
+
+    Returns:
+        The robot, complete and checked.
+
+    Raises:
+        RobotError: The file cannot be used; it holds a sentence for each problem.
+
     """
     file, label = presets().get(str(source), Path(source)), labelled(source)
     return from_table(parse_robot(read_robot(file, label), label), label, file, effects)
 
 
 def labelled(source: str | Path) -> str:
-    """A preset's name or a path as a sentence can hold it."""
+    """Write a preset's name or a path so that a sentence can hold it.
+
+    Args:
+        source: The name or the path.
+
+    Returns:
+        One line of text.
+
+    """
     name = str(source)
-    return name if name.isprintable() and len(name) <= 200 else shown(name)
+    if name.isprintable() and len(name) <= 200:
+        return name
+    return shown(name)
 
 
 def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tuple[Effect, ...] | None = None) -> Robot:
-    """The robot of a parsed robot.toml, called ``label`` in errors. Raises RobotError."""
+    """Check the tables of a robot.toml, and fill in the values that they leave open.
+
+    Args:
+        table: The parsed file.
+        label: The file's name in errors.
+        source: Where the file lies.
+        effects: The effects that [[effect]] may name; None: all of `gen.effects`.
+
+    Returns:
+        The robot, complete and checked.
+
+    Raises:
+        RobotError: The file cannot be used; it holds a sentence for each problem.
+
+    """
     reading = Reading(label)
     top = rules.top(table, reading)
     stated = rules.joints(table, reading)
@@ -85,7 +116,7 @@ def from_table(table: Mapping[str, Any], label: str, source: Path, effects: tupl
     )
 
 
-# -- the description, with what the file leaves open ------------------------------------------------------------------
+# -- the description, with the values that the file leaves open -------------------------------------------------------
 
 
 def _joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
@@ -94,12 +125,15 @@ def _joint(values: dict[str, dict[str, Any]], tolerance: float) -> Joint:
     limits = {name: values["limits"].get(name) for name in ("position", "speed", "torque", "motor_torque_rate")}
     if gear and limits["torque"] is None:
         limits["torque"] = gear.repeated_peak_torque
+    inertia = own.get("inertia")
+    if inertia is None:
+        inertia = _about_center(own)
     return Joint(
         kind=own["type"],
         length=own["length"],
         mass=own["mass"],
         center_of_mass=own["center_of_mass"],
-        inertia=own["inertia"] if "inertia" in own else _about_center(own),
+        inertia=inertia,
         drive=_drive(drive, tolerance),
         limits=Limits(**limits),
         sensor=Sensor(**values["sensor"]),
@@ -110,8 +144,9 @@ def _about_center(own: dict[str, Any]) -> Value:
     """Inertia about the centre of mass from the one about the joint, whose standard deviation it keeps."""
     about_joint = own["inertia_about_joint"]
     inertia = about_joint.nominal - own["mass"].nominal * own["center_of_mass"].nominal ** 2
-    share = abs(about_joint.nominal / inertia) if inertia else 1.0
-    return Value(inertia, about_joint.tolerance * share)
+    if not inertia:
+        return Value(inertia, about_joint.tolerance)
+    return Value(inertia, about_joint.tolerance * abs(about_joint.nominal / inertia))
 
 
 def _of_data_sheet(stated: dict[str, Any]) -> Gear | None:
@@ -129,15 +164,17 @@ def _drive(stated: dict[str, Any], tolerance: float) -> Drive:
     values: dict[str, Any] = {name: stated.get(name) for name in Drive.__dataclass_fields__}
     values["compliant"] = False
     if gear:
-        values |= {name: Value(number, tolerance) for name, number in zip(SPRINGS, drive_laws(gear), strict=True)}
+        values |= {name: Value(number, tolerance) for name, number in zip(SPRING_KEYS, drive_laws(gear), strict=True)}
         values["ratio"] = values["ratio"] or Value(gear.ratio, 0.0)
         if values["hysteresis_loss"] is None:
             values["hysteresis_loss"] = gear.hysteresis_loss
     if values["rigid"]:
         values["torsional_damping"] = None
     elif values["law_torque"] is None:
-        peak = gear.momentary_peak_torque if gear else None
-        values["law_torque"] = Value(peak or LAW_SHARPNESS / values["flexspline_stiffening"].nominal, 0.0)
+        law_torque = LAW_SHARPNESS / values["flexspline_stiffening"].nominal
+        if gear and gear.momentary_peak_torque:
+            law_torque = gear.momentary_peak_torque
+        values["law_torque"] = Value(law_torque, 0.0)
     if values["friction_smoothing"] is None:
         values["friction_smoothing"] = Value(0.01 * values["ratio"].nominal, 0.0)
     return Drive(**values)

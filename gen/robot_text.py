@@ -1,4 +1,4 @@
-"""A robot.toml read and parsed: what is no regular file, too large, no UTF-8 or no TOML ends in a sentence."""
+"""Reads and parses a robot.toml: a file that is not regular, too large, no UTF-8 or no TOML ends in a sentence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,19 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{64}}")
 
 
 def read_robot(file: Path, label: str) -> bytes:
-    """What the file called ``label`` in errors holds. Raises RobotError."""
+    """Read a robot file.
+
+    Args:
+        file: The file.
+        label: Its name in errors.
+
+    Returns:
+        The content.
+
+    Raises:
+        RobotError: The file is missing, not regular, too large or unreadable.
+
+    """
     possible = f"possible is a robot.toml or one of {', '.join(presets())}"
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # a pipe without a writer would wait
@@ -37,7 +49,19 @@ def read_robot(file: Path, label: str) -> bytes:
 
 
 def parse_robot(raw: bytes, label: str) -> dict[str, Any]:
-    """The tables of a robot.toml called ``label`` in errors. Raises RobotError."""
+    """Parse a robot file.
+
+    Args:
+        raw: Its content.
+        label: Its name in errors.
+
+    Returns:
+        The tables.
+
+    Raises:
+        RobotError: The content is no UTF-8 or no TOML, or a key has more than 64 parts.
+
+    """
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise RobotError([f"{label}: found text in UTF-16, possible is UTF-8; save the file as UTF-8."])
     try:
@@ -52,7 +76,9 @@ def parse_robot(raw: bytes, label: str) -> dict[str, Any]:
             [f"{label}: found bytes that are not UTF-8 ({where}), possible is UTF-8; save it so."]
         ) from None
     except (ValueError, RecursionError) as problem:
-        why = "too deeply nested" if isinstance(problem, RecursionError) else shown(str(problem))[1:-1]
+        why = shown(str(problem))[1:-1]
+        if isinstance(problem, RecursionError):
+            why = "too deeply nested"
         raise RobotError(
             [f"{label}: found text that is not TOML ({why}), possible is TOML; correct it there."]
         ) from None

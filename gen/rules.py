@@ -1,4 +1,4 @@
-"""The keys of robot.toml against each other: what one table of the file states, or the problems with it."""
+"""Checks the keys of robot.toml against each other: the values that the file states, or the problems with them."""
 
 from __future__ import annotations
 
@@ -61,17 +61,33 @@ C_WORDS = frozenset(
 
 
 def slug(name: str) -> str:
-    """The name as a path and a symbol can hold it: ^[a-z][a-z0-9_]{0,47}$."""
+    """Write a robot's name so that a path and a symbol can hold it.
+
+    Args:
+        name: The name.
+
+    Returns:
+        Text that matches ^[a-z][a-z0-9_]{0,47}$.
+
+    """
     return re.sub(r"[^a-z0-9]+", "_", name.lower())[:48].rstrip("_")
 
 
 def top(table: Mapping[str, Any], reading: Reading) -> Values:
-    """The keys above the first [[joint]]; from here on plain numbers have the file's tolerance."""
+    """Check the keys above the first [[joint]]; from here on plain numbers have the file's tolerance.
+
+    Args:
+        table: The parsed file.
+        reading: Collects the problems.
+
+    Returns:
+        The values by key.
+
+    """
     values: Values = {}
     if "tolerance" in table:
-        Reading("").value(
-            keys("")["tolerance"], table["tolerance"], "", values
-        )  # `table` below says what is wrong with it
+        # a problem with it is reported by `table` below
+        Reading("").value(keys("")["tolerance"], table["tolerance"], "", values)
         reading.tolerance = values.get("tolerance", reading.tolerance)
     values = reading.table(table, "", "")
     name = values.get("name")
@@ -84,7 +100,16 @@ def top(table: Mapping[str, Any], reading: Reading) -> Values:
 
 
 def joints(table: Mapping[str, Any], reading: Reading) -> list[dict[str, Values]]:
-    """What each [[joint]] states, base first: its own keys under "joint", and "drive", "limits", "sensor"."""
+    """Check every [[joint]].
+
+    Args:
+        table: The parsed file.
+        reading: Collects the problems.
+
+    Returns:
+        The values of each joint, base first: its own keys under "joint", and "drive", "limits", "sensor".
+
+    """
     raw = table.get("joint", [])
     if not isinstance(raw, list):
         reading.add("joint", f"found {shown(raw)}, possible are tables; write [[joint]] in two brackets for each joint")
@@ -114,6 +139,7 @@ def _joint(raw: Any, place: str, reading: Reading) -> dict[str, Values]:
 
 
 def _link(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) -> None:
+    """Check length and inertia against the joint's kind."""
     prismatic = values.get("type") == "prismatic"
     if prismatic and "length" in values and values["length"].nominal != 0:
         found = f"found {values['length'].nominal:g}"
@@ -133,7 +159,7 @@ def _link(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) 
 
 
 def _needs(raw: Mapping[str, Any], values: Values, place: str, reading: Reading) -> None:
-    """Holds the drive's keys against `Need`; where rigid itself is wrong, nothing that depends on it is said."""
+    """Check the drive's keys against `Need`; where ``rigid`` itself is wrong, problems that follow are left out."""
     rigid, geared = values.get("rigid"), "catalogue" in raw
     sheet = any(name in raw for name in SHEET)
     springs = (Need.SPRING, Need.FLEXIBLE, Need.SHEET, Need.BESIDE)
@@ -157,11 +183,12 @@ def _needs(raw: Mapping[str, Any], values: Values, place: str, reading: Reading)
 
 
 def _asked(key: Key, rigid: bool, sheet: bool) -> bool:
-    """Whether a drive without catalogue, ``rigid`` or with springs by a data ``sheet`` or their own keys, must have a
-    key."""
+    """Whether a drive without catalogue must have a key; its springs come from a data ``sheet`` or from keys."""
     if rigid or key.need is Need.GEARED:
         return key.need is Need.GEARED
-    return key.need is Need.SHEET or key.name == "hysteresis_loss" if sheet else key.need is Need.SPRING
+    if sheet:
+        return key.need is Need.SHEET or key.name == "hysteresis_loss"
+    return key.need is Need.SPRING
 
 
 def _sheet(values: Values, place: str, reading: Reading) -> None:
@@ -182,14 +209,17 @@ def _sheet(values: Values, place: str, reading: Reading) -> None:
 
 
 def _drive(values: Values, place: str, reading: Reading) -> None:
-    if {*SHEET, "hysteresis_loss", "coulomb_friction"} <= values.keys() and values.get("rigid") is False:
+    """Check the drive's values against each other; those of a rigid drive do not depend on each other."""
+    if values.get("rigid") is not False:
+        return
+    if {*SHEET, "hysteresis_loss", "coulomb_friction"} <= values.keys():
         _sheet(values, place, reading)
-    gear = CATALOGUE.get(values.get("catalogue", "")) if values.get("rigid") is False else None
+    gear = CATALOGUE.get(values.get("catalogue", ""))
     if gear and "ratio" in values and values["ratio"].nominal != gear.ratio:
         found = f"found {values['ratio'].nominal:g} beside catalogue = {shown(values['catalogue'])}"
         reading.add(path(place, "ratio"), f"{found}, possible is {gear.ratio:g}; correct or remove one")
     rotor = values.get("motor_inertia")
-    if values.get("rigid") is False and rotor and rotor.nominal < LEAST_ROTOR:
+    if rotor and rotor.nominal < LEAST_ROTOR:
         possible = f"possible is {LEAST_ROTOR:g} kg m² or more in a drive with springs"
         reading.add(
             path(place, "motor_inertia"), f"found {rotor.nominal:g}, {possible}; correct it or write rigid = true"
@@ -202,7 +232,18 @@ def _drive(values: Values, place: str, reading: Reading) -> None:
 def effects(
     table: Mapping[str, Any], joints: list[dict[str, Values]], known: tuple[Effect, ...] | None, reading: Reading
 ) -> list[StatedEffect]:
-    """The effects that [[effect]] states; ``known`` are those there are, None for all of `gen.effects`."""
+    """Check every [[effect]].
+
+    Args:
+        table: The parsed file.
+        joints: The values of each joint (`joints`).
+        known: The effects possible; None for all of `gen.effects`.
+        reading: Collects the problems.
+
+    Returns:
+        The effects stated.
+
+    """
     raw = table.get("effect", [])
     if not isinstance(raw, list):
         reading.add("effect", f"found {shown(raw)}, possible are tables; write [[effect]] in two brackets for each one")
@@ -237,7 +278,9 @@ def _effect(
         return None
     if "joint" in values:
         _where(effect, values["joint"], place, joints, reading)
-    at = joints[values["joint"] - 1]["drive"] if 0 < values.get("joint", 0) <= len(joints) else {}
+    at: Values = {}
+    if 0 < values.get("joint", 0) <= len(joints):
+        at = joints[values["joint"] - 1]["drive"]
     named = {
         p.name: Key("effect", p.name, Kind.PARAMETER, Need.NO, p.unit, Range(p.low, p.high), p.meaning, p.nominal)
         for p in effect.parameters
@@ -251,14 +294,17 @@ def _effect(
     for name in raw:
         if name not in named and name not in ("name", "joint"):
             reading.unknown(name, place, ("name", "joint", *named))
-    return StatedEffect(effect.name, values["joint"], parameters) if "joint" in values else None
+    if "joint" not in values:
+        return None
+    return StatedEffect(effect.name, values["joint"], parameters)
 
 
 def _where(effect: Effect, joint: int, place: str, joints: list[dict[str, Values]], reading: Reading) -> None:
     n = len(joints)
     fits = {"arm": range(1), "first": range(1, 2), "last": range(n, n + 1)}.get(effect.joints, range(1, n + 1))
     if joint not in fits:
-        possible = f"{fits[0]}" if len(fits) == 1 else f"{fits[0]} to {fits[-1]}" if fits else "none"
+        ends = sorted({*fits[:1], *fits[-1:]})
+        possible = " to ".join(map(str, ends)) or "none"
         words = {"arm": " (the arm as a whole)", "first": " (the first joint)", "last": " (the last joint)"}
         which = words.get(effect.joints, "")
         reading.add(path(place, "joint"), f"found {joint}, possible for {effect.name} is {possible}{which}; correct it")

@@ -1,4 +1,4 @@
-"""The order of statements: first whatever the result waits for longest.
+"""The order of statements: those for which the result waits longest come first.
 
 A processor looks a few hundred instructions ahead. Where the longest chain of a function stands last, its beginning
 comes into sight late, and everything before it is done by then.
@@ -23,9 +23,15 @@ def wait(line: str) -> int:
 
 
 def urgency(lines: Sequence[str], after: Mapping[str, int] | None = None) -> list[int]:
-    """For each single assignment the cycles, about, from its result to the end.
+    """Estimate how long the end waits for each single assignment.
 
-    ``after``: the same for places that are stored to, by their text.
+    Args:
+        lines: The statements.
+        after: The cycles from each place that is stored to, by its text; None: 0 each.
+
+    Returns:
+        The cycles, about, from each statement's result to the end.
+
     """
     made = {found[1]: k for k, line in enumerate(lines) if (found := MADE.match(line))}
     out = [0] * len(lines)
@@ -40,6 +46,15 @@ def urgency(lines: Sequence[str], after: Mapping[str, int] | None = None) -> lis
 
 
 def arrange(lines: Sequence[str], after: Mapping[str, int] | None = None) -> list[str]:
-    """The statements, most urgent first; what a statement reads is always more urgent than itself."""
+    """Put the most urgent statements first; the values that a statement reads are always more urgent than itself.
+
+    Args:
+        lines: The statements.
+        after: As for `urgency`.
+
+    Returns:
+        The statements in their new order.
+
+    """
     urgent = urgency(lines, after)
     return [lines[k] for k in sorted(range(len(lines)), key=lambda k: -urgent[k])]

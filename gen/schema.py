@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -80,7 +81,7 @@ class Key:
     width: float = 0.0  # of a parameter whose nominal is 0: how far its bounds lie from 0
     sliding: str = ""  # the unit at a prismatic joint, where it differs
     choices: tuple[str, ...] = ()
-    otherwise_do: str = ""  # what to do where no choice fits, of which then none is suggested
+    otherwise_do: str = ""  # advice where no choice fits; then none of them is suggested
 
 
 def above(low: float, high: float) -> Range:
@@ -193,23 +194,54 @@ TABLE: tuple[Key, ...] = (
 
 
 def keys(table: str) -> dict[str, Key]:
-    """The keys of one table by name, in the order of `TABLE`."""
+    """Find the keys of one table.
+
+    Args:
+        table: The table's name in `TABLE`.
+
+    Returns:
+        The keys by name, in the order of `TABLE`.
+
+    """
     return {key.name: key for key in TABLE if key.table == table}
 
 
 def unit(key: Key, kind: str) -> str:
-    """The unit of a key at a joint of that kind."""
-    return key.sliding if key.sliding and kind == "prismatic" else key.unit
+    """Find the unit of a key at a joint.
+
+    Args:
+        key: The key.
+        kind: The joint's kind: ``revolute`` or ``prismatic``.
+
+    Returns:
+        The unit.
+
+    """
+    if kind == "prismatic":
+        return key.sliding or key.unit
+    return key.unit
 
 
 def span(key: Key) -> str:
-    """The range of a key in words, with its unit; empty where it has none."""
+    """Write the range of a key in words, with its unit.
+
+    Args:
+        key: The key.
+
+    Returns:
+        The range; empty where the key has none.
+
+    """
     if key.range == ANY:
         return ""
-    low, high = (f"{end:g}" for end in (key.range.low, key.range.high))
-    bounds = f"above {low}, up to {high}" if key.range.above else f"from {low} to {high}"
-    sliding = f"({key.sliding} at a prismatic joint)" if key.sliding else ""
-    return " ".join(part for part in (bounds, key.unit if key.unit != "1" else "", sliding) if part)
+    words = [f"from {key.range.low:g} to {key.range.high:g}"]
+    if key.range.above:
+        words = [f"above {key.range.low:g}, up to {key.range.high:g}"]
+    if key.unit not in ("", "1"):
+        words.append(key.unit)
+    if key.sliding:
+        words.append(f"({key.sliding} at a prismatic joint)")
+    return " ".join(words)
 
 
 INTRODUCTION = """# robot.toml
@@ -231,11 +263,16 @@ follow from them as from the catalogue's.
 
 
 def document() -> str:
-    """docs/robot.md: the table of keys as Markdown."""
-    quoted = (", ".join(f"`{name}`" for name in names) for names in (presets(), CATALOGUE))
-    parts = [INTRODUCTION.format(joints=MAX_JOINTS, presets=next(quoted), gears=next(quoted))]
+    """Write docs/robot.md, the table of keys as Markdown.
+
+    Returns:
+        The text.
+
+    """
+    parts = [INTRODUCTION.format(joints=MAX_JOINTS, presets=_quoted(presets()), gears=_quoted(CATALOGUE))]
     for table, title in TITLES.items():
-        parts.append(f"\n## {f'`{title}`' if table else title}\n")
+        heading = f"`{title}`" if table else title
+        parts.append(f"\n## {heading}\n")
         parts.append(
             "| key | written as | unit | range | required | default | meaning |\n|---|---|---|---|---|---|---|"
         )
@@ -243,16 +280,47 @@ def document() -> str:
     return "\n".join(parts) + "\n"
 
 
+def _quoted(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
+
+
 def _row(key: Key) -> str:
-    mark = {Kind.PARAMETER: "number", Kind.PARAMETERS: "[number, number]"}
-    written = f"{mark[key.kind]} {'(±)' if key.exact else '±'}" if key.kind in mark else key.kind.value
-    units = f"{key.unit} ({key.sliding})" if key.sliding else key.unit
-    bounds = f"{'above ' if key.range.above else ''}{key.range.low:g} … {key.range.high:g}" if key.range != ANY else ""
-    default = key.otherwise or ("" if key.default is None else f"{key.default}".lower())
-    choices = " or ".join(f"`{choice}`" for choice in key.choices)
-    return (
-        f"| `{key.name}` | {written} | {units} | {choices or bounds} | {key.need.value} | {default} | {key.meaning} |"
-    )
+    cells = (f"`{key.name}`", _written(key), _units(key), _possible(key), key.need.value, _default(key), key.meaning)
+    return f"| {' | '.join(cells)} |"
+
+
+def _written(key: Key) -> str:
+    """How the value is written, with a mark where it may have a tolerance of its own."""
+    marked = {Kind.PARAMETER: "number", Kind.PARAMETERS: "[number, number]"}.get(key.kind)
+    if marked is None:
+        return key.kind.value
+    if key.exact:
+        return f"{marked} (±)"
+    return f"{marked} ±"
+
+
+def _units(key: Key) -> str:
+    if key.sliding:
+        return f"{key.unit} ({key.sliding})"
+    return key.unit
+
+
+def _possible(key: Key) -> str:
+    """The choices, or the range."""
+    if key.choices:
+        return " or ".join(f"`{choice}`" for choice in key.choices)
+    if key.range == ANY:
+        return ""
+    bounds = f"{key.range.low:g} … {key.range.high:g}"
+    if key.range.above:
+        return f"above {bounds}"
+    return bounds
+
+
+def _default(key: Key) -> str:
+    if key.otherwise or key.default is None:
+        return key.otherwise
+    return f"{key.default}".lower()
 
 
 if __name__ == "__main__":

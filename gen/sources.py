@@ -9,13 +9,16 @@ from typing import Any
 import casadi as ca
 
 from gen import headers, loops, native
+from gen.compliance import Law
 from gen.description import canonical
 from gen.effect import Effect
 from gen.emit import preparation, scalar_function
+from gen.emitted import Emitted
 from gen.library import Library
 from gen.model import Model
 from gen.mpc.structure import Structure
 
+INCLUDES = '#include "hda.h"\n\n#include <math.h>\n\n'
 TEMPLATES = resources.files("gen") / "templates"
 
 
@@ -26,34 +29,24 @@ def operations(f: ca.Function) -> int:
 
 
 def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[str, Any]) -> dict[str, Any]:
-    """What goes with the library: order, names, units, bounds, citations, sizes, robot, compiler."""
+    """Describe the library: order, names, units, bounds, citations, sizes, robot, compiler.
+
+    Args:
+        made: The library.
+        effects: The effects in it.
+        build: Hash of the build.
+        how: The compiler's part of the manifest.
+
+    Returns:
+        The manifest, as JSON can hold it.
+
+    """
     model = made.graphs.model
-    shapes = [
-        {
-            "name": f.name,
-            "meaning": f.meaning,
-            "inputs": f.inputs,
-            "outputs": f.outputs,
-            "operations": operations(f.graph),
-        }
-        for f in made.functions
-    ]
     return {
         "schema": 1,
         "build": build,
         "robot": canonical(model.robot),
-        "effects": [
-            {
-                "name": e.name,
-                "place": e.port.place,
-                "joints": model.applies(e),
-                "amplitudes": [name for name in e.amplitudes if _stands(model, name)],
-                "states": [state.name for state in e.states],
-                "shapes": [q.name for q in e.parameters if q.name not in e.amplitudes],
-                "citation": e.citation,
-            }
-            for e in effects
-        ],
+        "effects": [_describe_effect(model, effect) for effect in effects],
         "state": [vars(slot) for slot in model.x_slots],
         "input": [vars(slot) for slot in model.u_slots],
         "parameters": [vars(q) for q in model.quantities],
@@ -61,13 +54,37 @@ def manifest(made: Library, effects: tuple[Effect, ...], build: str, how: dict[s
         "flexible": model.flexible,
         "stiff": model.stiff,
         "spring_inverse": vars(model.plan),
-        "functions": shapes,
-        "controllers": [
-            {"name": law.name, "gains": [vars(g) for g in law.gains], "reference": law.reference, "state": law.state}
-            for law in made.laws
-        ],
+        "functions": [_describe_function(function) for function in made.functions],
+        "controllers": [_describe_law(law) for law in made.laws],
         **how,
     }
+
+
+def _describe_effect(model: Model, effect: Effect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "place": effect.port.place,
+        "joints": model.applies(effect),
+        "amplitudes": [name for name in effect.amplitudes if _stands(model, name)],
+        "states": [state.name for state in effect.states],
+        "shapes": [parameter.name for parameter in effect.parameters if parameter.name not in effect.amplitudes],
+        "citation": effect.citation,
+    }
+
+
+def _describe_function(function: Emitted) -> dict[str, Any]:
+    return {
+        "name": function.name,
+        "meaning": function.meaning,
+        "inputs": function.inputs,
+        "outputs": function.outputs,
+        "operations": operations(function.graph),
+    }
+
+
+def _describe_law(law: Law) -> dict[str, Any]:
+    gains = [vars(gain) for gain in law.gains]
+    return {"name": law.name, "gains": gains, "reference": law.reference, "state": law.state}
 
 
 def _stands(model: Model, key: str) -> bool:
@@ -83,10 +100,25 @@ def texts(
     lanes: bool,
     mpc: Structure | None = None,
 ) -> dict[str, str]:
-    """File name -> text; the same model gives the same bytes."""
+    """Write every file of a build.
+
+    Args:
+        made: The library.
+        effects: The effects in it.
+        build: Hash of the build.
+        how: The compiler's part of the manifest.
+        lanes: Whether right-hand sides and batches run in vector lanes.
+        mpc: Structure of the predictive controller; None leaves it out.
+
+    Returns:
+        The text of each file by its name.
+
+    """
     graphs, functions = made.graphs, made.functions
-    in_lanes = {form.name for form in native.forms(graphs)} if lanes else set()
-    scalar = [f for f in functions if f.name not in in_lanes]
+    scalar = list(functions)
+    if lanes:
+        in_lanes = {form.name for form in native.forms(graphs)}
+        scalar = [f for f in functions if f.name not in in_lanes]
     files = {
         file.name: file.read_text(encoding="utf-8")
         for file in TEMPLATES.iterdir()
@@ -110,11 +142,9 @@ def texts(
         "hda_laws.c": [f for f in scalar if f.name in ticks],
         "hda_model.c": [f for f in scalar if f.name != "prepare" and f.name not in ticks],
     }
-    files["hda_prepare.c"] = '#include "hda.h"\n\n#include <math.h>\n\n' + preparation(graphs.preparation)
+    files["hda_prepare.c"] = INCLUDES + preparation(graphs.preparation)
     for file, group in groups.items():
-        files[file] = '#include "hda.h"\n\n#include <math.h>\n\n' + "\n".join(
-            scalar_function(f.graph, f.name) for f in group
-        )
+        files[file] = INCLUDES + "\n".join(scalar_function(f.graph, f.name) for f in group)
     if lanes:
         files["hda_native.c"] = native.functions(graphs)
         files["hda_batch_rhs.h"] = native.batch(graphs)

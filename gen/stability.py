@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from gen.functions import Graphs
-from gen.headers import MOST_PARTS
+from gen.headers import MOST_PARTS, slide_velocities
 from gen.model import Model
 
 STABLE = 2.78  # h |λ| of modes
@@ -40,7 +40,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Examination:
-    """What the step has to carry. Tuples have an entry a joint."""
+    """The rates that the step has to carry. Tuples have an entry a joint."""
 
     step: float  # s
     smallest_step: float  # s, into which the step may be divided where friction asks for it
@@ -52,7 +52,15 @@ class Examination:
     unstable_from: tuple[tuple[int, float], ...]  # joints and torques, N m or N; empty: nowhere up to law_torque
 
     def refusals(self, label: str) -> list[str]:
-        """One sentence for everything that the step does not carry; ``label`` names the robot file."""
+        """Write a sentence for everything that the step does not carry.
+
+        Args:
+            label: The robot file's name.
+
+        Returns:
+            The sentences; none where the step carries the model.
+
+        """
         problems = []
         whole = self.smallest_step * self.friction_rate / SMOOTH
         for j, (width, rate) in enumerate(zip(self.width, self.friction, strict=True), 1):
@@ -75,18 +83,36 @@ class Examination:
         return problems
 
     def mended(self) -> tuple[float, tuple[float, ...]]:
-        """The step, s, and the widths of smooth friction, rad/s, that carry the model: as they are where they do."""
-        size = self.step * self.loaded.rate
-        step = float(_rounded(STABLE / self.loaded.rate, math.floor)) if size > STABLE else self.step
+        """Find a step and widths of smooth friction that carry the model.
+
+        Returns:
+            The step, s, and the widths, rad/s; unchanged where they carry the model already.
+
+        """
+        step = self.step
+        if self.step * self.loaded.rate > STABLE:
+            step = float(_rounded(STABLE / self.loaded.rate, math.floor))
         smallest = self.smallest_step * step / self.step
         if smallest * self.friction_rate <= SMOOTH:
             return step, self.width
         shares = [max(smallest * rate / SMOOTH, 1.0) for rate in self.friction]
         widths = zip(self.width, shares, strict=True)
-        return step, tuple(float(_rounded(w * share, math.ceil)) if share > 1 else w for w, share in widths)
+        return step, tuple(self._widened(width, share) for width, share in widths)
+
+    @staticmethod
+    def _widened(width: float, share: float) -> float:
+        """A width, rad/s, ``share`` times as large and rounded up; as it is where share is 1."""
+        if share > 1:
+            return float(_rounded(width * share, math.ceil))
+        return width
 
     def lines(self) -> list[str]:
-        """What the step carries and how well, in words."""
+        """Describe the friction and the modes that the step carries, and how well it does.
+
+        Returns:
+            The lines.
+
+        """
         said = []
         for j, (width, rate) in enumerate(zip(self.width, self.friction, strict=True), 1):
             carried = f"{self.smallest_step * rate:.3g} of a step of {self.smallest_step:.3g} s, possible is {SMOOTH:g}"
@@ -95,7 +121,9 @@ class Examination:
         for when, mode in modes.items():
             size = self.step * mode.rate
             known = f"{mode.rate:.4g} 1/s ({mode.rate / (2 * math.pi):.3g} Hz) at joint {mode.joint}"
-            remark = f"; beyond {ACCURATE} RK4's error shows: mind the accuracy" if ACCURATE < size <= STABLE else ""
+            remark = ""
+            if ACCURATE < size <= STABLE:
+                remark = f"; beyond {ACCURATE} RK4's error shows: mind the accuracy"
             said.append(f"fastest mode {when}: {known}, {size:.3g} rad a step, possible is {STABLE}{remark}")
         if self.unstable_from and self.step * self.loaded.rate <= STABLE:
             where = ", ".join(f"{torque:.3g} at joint {j}" for j, torque in self.unstable_from)
@@ -104,11 +132,24 @@ class Examination:
 
     @property
     def _load(self) -> str:
-        return "without load" if self.loaded == self.unloaded else "at the torque limits"
+        if self.loaded == self.unloaded:
+            return "without load"
+        return "at the torque limits"
 
 
 def examine(graphs: Graphs) -> Examination:
-    """Holds the model against the step that its robot file states. Raises ValueError where it gives no numbers."""
+    """Examine whether the step of the robot file carries the model.
+
+    Args:
+        graphs: The model's graphs.
+
+    Returns:
+        The rates that the step has to carry.
+
+    Raises:
+        ValueError: The parameters give no numbers.
+
+    """
     model, linear = graphs.model, _Linear(graphs)
     joints, step = model.robot.joints, model.robot.step
     limit, law = np.zeros(model.n), np.zeros(model.n)
@@ -118,9 +159,12 @@ def examine(graphs: Graphs) -> Examination:
     unloaded, _ = linear.fastest(np.zeros(model.n))
     loaded, _ = linear.fastest(limit)
     friction, rate = _friction(linear)
+    smallest = step
+    if model.stiff:
+        smallest = step / MOST_PARTS
     return Examination(
         step,
-        step / (MOST_PARTS if model.stiff else 1),
+        smallest,
         tuple(joint.drive.friction_smoothing.nominal for joint in joints),
         friction,
         rate,
@@ -166,7 +210,8 @@ class _Linear:
 
     def fastest(self, torque: np.ndarray, q: np.ndarray | None = None) -> tuple[Mode, np.ndarray]:
         """The fastest mode without smooth friction, and the configuration (1 × n) where it is."""
-        q = self.q if q is None else q
+        if q is None:
+            q = self.q
         values, vectors = np.linalg.eig(self.at(torque, self.frictionless, q))
         point, which = np.unravel_index(np.argmax(np.abs(values)), values.shape)
         part = dict(zip((self.names[k] for k in self.kept), np.abs(vectors[point, :, which]), strict=True))
@@ -197,14 +242,14 @@ def _friction(linear: _Linear) -> tuple[tuple[float, ...], float]:
     """For each joint a bound of the rate that its smooth friction has a part in, and the fastest rate, 1/s.
 
     The bound is the joint's column of |F| in motor speeds, summed. No eigenvalue lies beyond the largest sum and a
-    column goes as 1/width, so widths that bring every sum to what fits do fit. A flexible drive's column has the one
+    column goes as 1/width, so widths that bring every sum to 1/h carry it. A flexible drive's column has the one
     entry level/(J_m width); rigid drives feel each other through the links.
     """
     model = linear.model
     rest = np.zeros(model.n)
     difference = linear.at(rest, linear.smooth, linear.q) - linear.at(rest, linear.frictionless, linear.q)
     names = [linear.names[k] for k in linear.kept]
-    slide = [names.index(f"{'joint' if j in model.rigid else 'motor'}_velocity_{j}") for j in model.joints]
+    slide = [names.index(name) for name in slide_velocities(model)]
     F = difference[:, slide][:, :, slide]
     scale = np.where([j in model.rigid for j in model.joints], linear.ratio, 1.0)
     sums = np.abs(F * scale[:, None] / scale).sum(axis=1).max(axis=0)
@@ -219,8 +264,10 @@ def _grid(model: Model) -> np.ndarray:
     for joint in model.robot.joints:
         if joint.kind == "prismatic":
             axes.append(np.linspace(*(joint.limits.position or (-1.0, 1.0)), 5))
+        elif axes:
+            axes.append(np.arange(count) * (2 * np.pi / count))
         else:
-            axes.append(np.arange(count) * (2 * np.pi / count) if axes else np.zeros(1))
+            axes.append(np.zeros(1))
     return np.array(list(itertools.product(*axes)))
 
 

@@ -4,7 +4,7 @@ one run.
 The contestants take turns over the same states. Each is called in a loop in C through a pointer, no Python in between,
 and the clock is read in C: in a row (`CALLS` calls between two readings; ratios are made of these, round by round) and
 singly (a reading before and after each call, the clock's own time taken off), which shows the tail that a control loop
-meets. CasADi's own C is what its code generator prints, compiled -O2. Its interpreter is called through CasADi's
+meets. CasADi's own C is printed by its code generator and compiled -O2. Its interpreter is called through CasADi's
 C interface, which copies nothing.
 """
 
@@ -109,7 +109,15 @@ Sample = Callable[[int, int], Floats]  # (calls, batches) -> ns a call (batches)
 
 
 def step_graph(made: Library) -> ca.Function:
-    """RK4 over the same right-hand side, in the order of operations of hda_step.c."""
+    """Write RK4 over the same right-hand side, in the order of operations of hda_step.c.
+
+    Args:
+        made: The library.
+
+    Returns:
+        The step as a function (x, u, c, h) -> next.
+
+    """
     rhs = next(f.graph for f in made.functions if f.name == "rhs")
     x, u, c = (SX.sym(rhs.name_in(k), rhs.numel_in(k)) for k in range(3))
     h = SX.sym("h")
@@ -124,9 +132,19 @@ def step_graph(made: Library) -> ca.Function:
 
 
 def states(model: Model, count: int) -> dict[str, Floats]:
-    """x and u (count, k each) near where the arm works, the same every time: joints anywhere within 2 rad, springs
-    under a few N m, joint speeds about 0.2 rad/s, so that motors also turn slowly enough for friction to be between
-    its ends."""
+    """Draw states and inputs near the arm's work, the same every time.
+
+    Joints are anywhere within 2 rad, springs under a few N m, joint speeds about 0.2 rad/s: motors also turn slowly
+    enough for friction to be between its ends.
+
+    Args:
+        model: The model.
+        count: Number of states.
+
+    Returns:
+        x and u by name (count × k each).
+
+    """
     random = np.random.default_rng(1)
     bounds = np.array([slot.bound for slot in model.x_slots])
     x = random.uniform(-0.1, 0.1, (count, bounds.size)) * bounds
@@ -142,7 +160,18 @@ def states(model: Model, count: int) -> dict[str, Floats]:
 
 
 def inputs_of(name: str, graph: ca.Function, made: Library, known: Mapping[str, Floats]) -> list[Floats]:
-    """Arguments of a function, (CALLS, k) or (1, k) each."""
+    """Draw the arguments of a function.
+
+    Args:
+        name: The function's name.
+        graph: Its graph.
+        made: The library.
+        known: Arguments that are known, by name.
+
+    Returns:
+        The arguments, (CALLS × k) or (1 × k) each.
+
+    """
     random = np.random.default_rng(2)
     laws = {f.name: law for law in made.laws for f in (law.start, law.tick)}
     out = []
@@ -178,7 +207,19 @@ class Field:
         self.interpreter = ctypes.CDLL(str(min(Path(ca.__file__).parent.glob("libcasadi.*"))))
 
     def sampler(self, who: str, name: str, graph: ca.Function, inputs: list[Floats], outputs: list[Floats]) -> Sample:
-        """Times a contestant's calls of a function."""
+        """Make the sampler of a contestant.
+
+        Args:
+            who: The contestant.
+            name: The function's name.
+            graph: Its graph.
+            inputs: Its arguments.
+            outputs: Arrays for its results.
+
+        Returns:
+            A function that times the contestant's calls.
+
+        """
         kept: tuple[Any, ...] = ()
         if who in self.ours:
             symbol = getattr(self.ours[who], f"hda_{name}")
@@ -216,7 +257,7 @@ class Field:
             ns = np.empty(batches)
             counts = (ctypes.c_long(CALLS), ctypes.c_long(calls), ctypes.c_long(batches))
             call(ctypes.byref(me), *tables, *counts, ctypes.c_void_p(ns.ctypes.data))
-            assert given.kept is not None and kept is not None  # what the call points into
+            assert given.kept is not None and kept is not None  # the arrays into which the call points
             return ns
 
         return sample
@@ -241,7 +282,16 @@ def _library(folder: Path) -> Path:
 
 @contextmanager
 def field(graphs: Mapping[str, ca.Function], builds: Mapping[str, Path]) -> Iterator[Field]:
-    """A Field whose files are removed at the end."""
+    """Load the contestants, and remove their files at the end.
+
+    Args:
+        graphs: The functions by name.
+        builds: The folder of each profile's build.
+
+    Yields:
+        The loaded contestants.
+
+    """
     with tempfile.TemporaryDirectory() as folder:
         made = Field(graphs, Path(folder), builds)
         try:
@@ -254,8 +304,18 @@ def field(graphs: Mapping[str, ca.Function], builds: Mapping[str, Path]) -> Iter
 
 
 def measure(robot: str, out: Path, rounds: int) -> dict[str, dict[str, dict[str, list[float]]]]:
-    """For each function and contestant: "row", ns a call in a row of CALLS, a list of rounds; "single", median, p99,
-    p99.9 and largest of single calls, ns."""
+    """Time every function of a robot.
+
+    Args:
+        robot: A preset's name or the path of a robot.toml.
+        out: The folder of all builds.
+        rounds: Turns of every contestant.
+
+    Returns:
+        For each function and contestant: "row", ns a call in a row of CALLS, for each round; "single", median, p99,
+        p99.9 and largest of single calls, ns.
+
+    """
     made, _, _ = assembled(robot, load(robot), ())
     builds = {profile: build(robot, profile, out)[0] for profile in ("native", "portable")}
     graphs = {f.name: f.graph for f in made.functions}
@@ -296,6 +356,14 @@ def _tail(values: Floats) -> list[float]:
 
 
 def command(options: Any) -> int:
-    """`python -m gen time`: the figures as JSON."""
+    """Print the figures of `python -m gen time` as JSON.
+
+    Args:
+        options: The command's options: robot, out, rounds.
+
+    Returns:
+        Exit code 0.
+
+    """
     print(json.dumps(measure(options.robot, options.out, options.rounds)))
     return 0

@@ -8,8 +8,7 @@ Three estimates that share (14), the torsion less the kinematic error:
 
 - series: both springs in series, the exact inverse of (11); needs no motor torque;
 - quasi_static: (15)–(17) corrected: the wave generator's torque from the motor's, less friction; between ±τ_fs the
-joint sticks and
-  the series estimate gives τ_w = τ/N by (2);
+  joint sticks and the series estimate gives τ_w = τ/N by (2);
 - dynamic: (15), (16) with τ_w from (18) corrected, in motion.
 """
 
@@ -27,21 +26,54 @@ SX = ca.SX
 
 
 def torsion(model: Model, j: int, theta: Any, q: Any) -> Any:
-    """(12), (14): torsion of joint j less the kinematic error, rad."""
+    """Write the torsion of a joint less the kinematic error, (12) and (14).
+
+    Args:
+        model: The model.
+        j: The joint's number from 1.
+        theta: Motor angle, rad.
+        q: Joint position, rad or m.
+
+    Returns:
+        The torsion, rad at the joint.
+
+    """
     p = model.of_joint(j)
     error = sum(e.equation(Signals(motor_position=theta, ratio=p["ratio"]), p) for e in model.at(Port.TORSION, j))
     return theta * (1 / p["ratio"]) + error - q
 
 
 def from_torsion(model: Model, j: int, phi: Any) -> Any:
-    """Spring torque of joint j at torsion φ, N m."""
+    """Write the springs' torque of a joint.
+
+    Args:
+        model: The model.
+        j: The joint's number from 1.
+        phi: Torsion, rad.
+
+    Returns:
+        The torque, N m at the joint.
+
+    """
     p = model.of_joint(j)
     return p["stiffness_level"] * drive.spring_torque(phi, drive.springs(p), p["inverse"], model.plan)
 
 
 def estimates(model: Model, theta: Any, q: Any, omega: Any, alpha: Any, motor_torque: Any) -> dict[str, Any]:
-    """The three estimates (n each, N m at the joint); joints with a rigid drive have no torsion to read and give
-    NaN."""
+    """Write the three estimates of the joint torque.
+
+    Args:
+        model: The model.
+        theta: Motor angles (n), rad.
+        q: Joint positions (n), rad or m.
+        omega: Motor speeds (n), rad/s.
+        alpha: Motor accelerations (n), rad/s².
+        motor_torque: Motor torques (n), N m.
+
+    Returns:
+        The estimates by name (n each), N m at the joint; NaN at a rigid drive, which has no torsion to read.
+
+    """
     out: dict[str, list[Any]] = {"series": [], "quasi_static": [], "dynamic": []}
     for j in model.joints:
         if j in model.rigid:

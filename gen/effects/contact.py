@@ -8,7 +8,7 @@ import casadi as ca
 
 from gen.effect import Effect, Parameter, Port, Signals
 
-SOFT = 3.0  # N m/rad: what no one put in the way of a joint is as soft as its cables
+SOFT = 3.0  # N m/rad, of a joint's cables: without an obstacle nothing stiffer is in its way
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:

@@ -8,7 +8,9 @@ from gen.effect import Effect, Parameter, Port, Signals
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:
     """k_t i."""
-    return (p["torque_constant"] if "torque_constant" in p else p["torque_gain"]) * s.current
+    if "torque_constant" in p:
+        return p["torque_constant"] * s.current
+    return p["torque_gain"] * s.current
 
 
 EFFECT = Effect(

@@ -1,9 +1,9 @@
 """OSQP's generated code for the sparse form of the problem, and the tables that fill its matrices.
 
 Variables node by node: T (n), x of the next node (nx), slacks (one a soft row). Rows node by node: dynamics; T; T
-less the
-torque before; soft rows less their slack (high); those with a low bound plus their slack; slacks. OSQP prints its code
-into a folder (``codegen``, never compiled by it); its files come out flat, under names that begin with `hda_osqp`.
+less the torque before; soft rows less their slack (high); those with a low bound plus their slack; slacks. OSQP prints
+its code into a folder (``codegen``, never compiled by it); its files come out flat, with names that begin with
+`hda_osqp`.
 Source: Stellato, Banjac, Goulart, Bemporad, Boyd, Math. Prog. Comp. 12 (2020) 637; OSQP 1.x, Apache License 2.0.
 """
 
@@ -25,9 +25,8 @@ from gen.mpc.stage import Stage
 
 PREFIX = "hda_osqp_"
 UNUSED = {"emosqp.c", "Makefile"}
-Entries = dict[
-    tuple[int, int], tuple[tuple[int, float], ...]
-]  # (row, column) -> (offset in the problem or -1 for 1, sign)…
+# (row, column) -> (offset in the problem or -1 for the number 1, sign)…
+Entries = dict[tuple[int, int], tuple[tuple[int, float], ...]]
 
 
 @dataclass(frozen=True)
@@ -110,8 +109,9 @@ def constraints(at: Layout) -> Entries:
         row, base = k * at.height, k * at.width
         for i in range(nx):
             out[row + i, base + n + i] = one
-            for j in range(nx if k else 0):
-                out[row + i, base - at.width + n + j] = ((start["A"] + (k * nx + j) * nx + i, -1.0),)
+            if k:
+                for j in range(nx):
+                    out[row + i, base - at.width + n + j] = ((start["A"] + (k * nx + j) * nx + i, -1.0),)
             for j in range(n):
                 out[row + i, base + j] = ((start["B"] + (k * n + j) * nx + i, -1.0),)
         row += nx
@@ -132,7 +132,7 @@ def constraints(at: Layout) -> Entries:
 
 
 def _row(at: Layout, k: int, i: int) -> Iterator[tuple[int, tuple[int, float]]]:
-    """Columns among the states, and entries, of soft row i."""
+    """The columns among the states of soft row i of node k, and its entries there."""
     if i < len(at.simple):
         yield at.simple[i], (-1, 1.0)
         return
@@ -142,7 +142,16 @@ def _row(at: Layout, k: int, i: int) -> Iterator[tuple[int, tuple[int, float]]]:
 
 
 def osqp_files(made: Stage, simple: list[int]) -> dict[str, str]:
-    """File name -> text: OSQP's own, and hda_mpc_osqp_tables.h."""
+    """Write the files of OSQP's generated code, and hda_mpc_osqp_tables.h.
+
+    Args:
+        made: The stage.
+        simple: Entries of the state with limits of their own.
+
+    Returns:
+        The text of each file by its name.
+
+    """
     import osqp
     from scipy import sparse
 
@@ -157,6 +166,7 @@ def osqp_files(made: Stage, simple: list[int]) -> dict[str, str]:
             (np.array([value(entries[key], *key) for key in keys]), (ij[0], ij[1])), (rows, shape[1])
         )
 
+    # values that only mark the entries: the controller fills in its own
     p_keys, p = matrix(P, shape[1], lambda _, i, j: 2.0 if i == j else 0.01)
     a_keys, a = matrix(A, shape[0], lambda parts, _, __: parts[0][1] if parts[0][0] < 0 else 0.5 * parts[0][1])
     out: dict[str, str] = {}
@@ -177,7 +187,7 @@ def osqp_files(made: Stage, simple: list[int]) -> dict[str, str]:
 
 
 def _flat(name: str) -> str:
-    return name if name.startswith(PREFIX) else f"{PREFIX}{name}"
+    return PREFIX + name.removeprefix(PREFIX)
 
 
 def _text(text: str) -> str:

@@ -11,7 +11,7 @@ import casadi as ca
 
 from gen.emit import body, scalar_function, vector_operation
 from gen.emitted import dense
-from gen.headers import guarded
+from gen.headers import guarded, slide_velocities
 from gen.library import Library
 from gen.mpc.osqp_code import osqp_files
 from gen.mpc.stage import SPEED, Stage, stage
@@ -19,11 +19,21 @@ from gen.mpc.structure import Structure
 from gen.native import BATCH, fast
 
 TEMPLATES = resources.files("gen") / "templates" / "mpc"
-LANE = {"x", "T", "F"}  # what differs from node to node
+LANE = {"x", "T", "F"}  # arguments that differ from node to node
 
 
 def files(library: Library, structure: Structure, native: bool) -> tuple[dict[str, str], dict[str, Any]]:
-    """File name -> text, and what the manifest says of the controller."""
+    """Write the files of a predictive controller.
+
+    Args:
+        library: The library.
+        structure: The controller's structure.
+        native: Whether divisions may become products with reciprocals.
+
+    Returns:
+        The text of each file by its name, and the controller's part of the manifest.
+
+    """
     model = library.graphs.model
     fixed = ca.vertcat(model.p, *model.inverse.values())
     made = stage(model, structure, fixed)
@@ -38,9 +48,8 @@ def files(library: Library, structure: Structure, native: bool) -> tuple[dict[st
 def simples(made: Stage) -> list[int]:
     """Entries of the horizon's state with limits of their own: joint positions, then the motors' speeds."""
     names = [made.model.x_slots[k].name for k in made.index]
-    joints = made.model.joints
-    speeds = [f"{'joint' if j in made.model.rigid else 'motor'}_velocity_{j}" for j in joints]
-    return [names.index(f"joint_position_{j}") for j in joints] + [names.index(name) for name in speeds]
+    positions = [f"joint_position_{j}" for j in made.model.joints]
+    return [names.index(name) for name in (*positions, *slide_velocities(made.model))]
 
 
 def described(made: Stage) -> dict[str, Any]:
@@ -68,7 +77,7 @@ def described(made: Stage) -> dict[str, Any]:
 
 
 def jacobians(library: Library) -> str:
-    """hda_mpc_jacobian.h: what the estimator differentiates, and the gears' constants."""
+    """hda_mpc_jacobian.h: the derivatives that the estimator needs, and the gears' constants."""
     model, c = library.graphs.model, library.graphs.c
     whole = next(f.graph for f in library.functions if f.name == "rhs_jacobian")
     by_x, by_u, _ = whole(model.x, model.u, c)
@@ -90,9 +99,9 @@ def jacobians(library: Library) -> str:
 
 
 def statuses() -> list[tuple[int, str]]:
-    """Codes and sentences of hda_mpc.h."""
-    text = (TEMPLATES / "hda_mpc.h").read_text(encoding="utf-8")
-    return [(int(code), words) for code, words in re.findall(r'HDA_STATUS\(\w+, (-?\d+), "([^"]*)"\)', text)]
+    """Codes and sentences of hda_mpc.h; an entry may go on in the next line."""
+    text = (TEMPLATES / "hda_mpc.h").read_text(encoding="utf-8").replace("\\\n", " ")
+    return [(int(code), words) for code, words in re.findall(r'HDA_STATUS\(\w+, (-?\d+),\s*"([^"]*)"\)', text)]
 
 
 def _list(values: Iterable[Any]) -> str:
@@ -116,9 +125,9 @@ def sizes(made: Stage) -> str:
         "SHARED": made.places["end"],
         "FLEXIBLE_JOINTS": _list([j - 1 for j in made.model.flexible] or [0]),
         "IS_FLEXIBLE": _list([int(j in made.model.flexible) for j in made.model.joints]),
-        "PLACES": _list([_motor(made, j, "position") for j in made.model.joints]),
-        "MOTORS": _list([made.index.index(_motor(made, j, "position")) for j in made.model.joints]),
-        "SPEEDS": _list([_motor(made, j, "velocity") for j in made.model.joints]),
+        "PLACES": _list(_motors(made, "position")),
+        "MOTORS": _list(map(made.index.index, _motors(made, "position"))),
+        "SPEEDS": _list(_motors(made, "velocity")),
         "LINKS": _list([names.index(f"joint_position_{j}") for j in made.model.joints]),
         "TURNS": _list([names.index(f"joint_velocity_{j}") for j in made.model.joints]),
     }  # fmt: skip
@@ -136,9 +145,10 @@ def _power(count: int) -> int:
     return 1 << (count - 1).bit_length()
 
 
-def _motor(made: Stage, j: int, what: str) -> int:
+def _motors(made: Stage, quantity: str) -> list[int]:
+    """The entries of x that hold each motor's position or velocity, or the joint's where the drive is rigid."""
     names = [slot.name for slot in made.model.x_slots]
-    return names.index(f"{'joint' if j in made.model.rigid else 'motor'}_{what}_{j}")
+    return [names.index(name.replace("velocity", quantity)) for name in slide_velocities(made.model)]
 
 
 def functions(made: Stage, native: bool) -> str:
@@ -149,10 +159,12 @@ def functions(made: Stage, native: bool) -> str:
     parts = [BATCH]
     for f in (made.rate, made.look):
         lines = body(f, _read(f), lambda k, i, f=f: f"{f.name_out(k)}[{i}]", operation, "hda_batch")  # type: ignore[misc]
-        ins = [f"const {'hda_batch' if f.name_in(k) in LANE else 'double'} *{f.name_in(k)}" for k in range(f.n_in())]
+        names = [f.name_in(k) for k in range(f.n_in())]
+        types = dict.fromkeys(names, "double") | dict.fromkeys(LANE, "hda_batch")
+        ins = [f"const {types[name]} *{name}" for name in names]
         outs = [f"hda_batch *{f.name_out(k)}" for k in range(f.n_out())]
         head = f"static void stage_{f.name()}({', '.join(ins + outs)})"
-        unused = "".join(f"    (void){f.name_in(k)};\n" for k in range(f.n_in()))
+        unused = "".join(f"    (void){name};\n" for name in names)
         parts.append(f"{head} {{\n{unused}" + "".join(f"    {line}\n" for line in lines) + "}\n\n")
     head = "static void stage_constants(const double *c, double *k)"
     parts.append(scalar_function(made.constants, "", head))
@@ -164,6 +176,8 @@ def functions(made: Stage, native: bool) -> str:
 def _read(f: ca.Function) -> Any:
     def read(argument: int, entry: int) -> str:
         name = f.name_in(argument)
-        return f"{name}[{entry}]" if name in LANE else f"{name}[{entry}] - (hda_batch){{0}}"
+        if name in LANE:
+            return f"{name}[{entry}]"
+        return f"{name}[{entry}] - (hda_batch){{0}}"
 
     return read

@@ -1,8 +1,8 @@
 """One node of the horizon as graphs: rate of the arm with its Jacobians, outputs that cost, rows that are limited.
 
 Legend: x scaled state (positions, then velocities), T motor torque over its largest, d disturbance torque at the
-motors,
-F force on the tip, z memory of the effects (held over the horizon), w walls (n_x, n_y, offset each); f rate of x.
+motors, F force on the tip, z memory of the effects (held over the horizon), w walls (n_x, n_y, offset each); f rate of
+x.
 
 The state is that of the arm without the effects' memories, which the estimator follows. Positions of motors are taken
 at the joint (over the ratio), velocities in units of `SPEED` per second, torques in units of the motor's largest, so
@@ -30,7 +30,7 @@ ROUND = 1e-3  # m/s: below it the length of the tip's velocity is rounded, so th
 
 @dataclass(frozen=True)
 class Stage:
-    """The graphs, and what their entries mean.
+    """The graphs, and the meaning of their entries.
 
     ``rate``: (x, T, F, shared) -> f, ∂f/∂x, ∂f/∂T of the velocities' rows; ``look``: (x, shared) -> y, ∂y/∂x, g,
     ∂g/∂x; ``constants``: c -> the first entries of shared. ``shared``: constants, then d, smoothing, memory, walls.
@@ -64,7 +64,17 @@ class Stage:
 
 
 def stage(model: Model, structure: Structure, fixed: Any) -> Stage:
-    """The stage of a model; ``fixed`` are the symbols (p and the springs' inverses) that c begins with."""
+    """Write the stage of a model.
+
+    Args:
+        model: The model.
+        structure: The controller's structure.
+        fixed: The symbols with which c begins: p and the springs' inverses.
+
+    Returns:
+        The stage.
+
+    """
     names = [slot.name for slot in model.x_slots]
     memory = tuple(names.index(f"{s.name}_{j}") for _, s, j in model.memory)
     index = tuple(k for k in range(len(names)) if k not in memory)
@@ -103,7 +113,9 @@ def _ratio(model: Model, j: int) -> float:
 
 def _constant(model: Model, j: int) -> float | None:
     value = model.robot.joints[j - 1].drive.torque_constant
-    return None if value is None else float(value.nominal)
+    if value is None:
+        return None
+    return float(value.nominal)
 
 
 def _rates(model: Model, index: Any, scale: Any, torque: Any, symbols: tuple[Any, ...]) -> tuple[Any, Any, Any]:
@@ -116,7 +128,7 @@ def _rates(model: Model, index: Any, scale: Any, torque: Any, symbols: tuple[Any
     law = {j: drive.springs(model.of_joint(j)) for j in model.flexible}
     inputs = []
     for j in model.joints:
-        constant = 1.0 if _constant(model, j) is None else model.by_name[f"torque_constant_{j}"]
+        constant = model.by_name.get(f"torque_constant_{j}", 1.0)
         inputs.append((T[j - 1] * torque[j - 1] + d[j - 1]) / constant)
     old = [model.x, model.u, *(model.by_name[f"friction_smoothing_{j}"] for j in model.joints)]
     new = [full, ca.vertcat(*inputs, F), *ca.vertsplit(smoothing)]
@@ -141,16 +153,27 @@ def _rates(model: Model, index: Any, scale: Any, torque: Any, symbols: tuple[Any
 
 
 def over_springs(law: drive.Springs, over: Any) -> drive.Springs:
-    """The constants of a drive's law with symbols replaced."""
+    """Replace symbols in the constants of a drive's law.
+
+    Args:
+        law: The constants.
+        over: Replaces the symbols of an expression.
+
+    Returns:
+        The constants with symbols replaced.
+
+    """
     return drive.Springs(**{name: over(value) for name, value in vars(law).items()})
 
 
 def _outputs(model: Model, structure: Structure, walls: Any, full: Any, scale: Any) -> tuple[Any, Any]:
-    """What costs, and what is limited: joint torques, N m; tip speed, m/s; depth in each wall, m."""
+    """The outputs that cost, and the limited ones: joint torques, N m; tip speed, m/s; depth in each wall, m."""
     chain, q, v = model.chain_parameters(), model.q, model.v
     tip, J = model.chain.tip(q, chain), model.chain.jacobian(q, chain)
     moving = J @ v
-    y = ca.vertcat(tip, moving, v) if structure.space == "tip" else ca.vertcat(q, v, v)
+    y = ca.vertcat(q, v, v)
+    if structure.space == "tip":
+        y = ca.vertcat(tip, moving, v)
     torques = []
     for j in model.flexible:
         drives = model.drive(j, model.of_joint(j))

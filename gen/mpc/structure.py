@@ -1,4 +1,4 @@
-"""What of an MPC is fixed when it is compiled: number of nodes, number of walls, space of the target."""
+"""The structure of an MPC, fixed when it is compiled: number of nodes, number of walls, space of the target."""
 
 from __future__ import annotations
 
@@ -29,7 +29,18 @@ class Structure:
 
 
 def parse(text: str) -> Structure | None:
-    """The structure of ``nodes=20,walls=2,space=tip``; None where the text is empty. Raises StructureError."""
+    """Read a structure.
+
+    Args:
+        text: As in ``nodes=20,walls=2,space=tip``; a missing part has that value.
+
+    Returns:
+        The structure; None where the text is empty.
+
+    Raises:
+        StructureError: The text is no structure.
+
+    """
     if not text.strip():
         return None
     found: dict[str, str] = {}
@@ -52,14 +63,36 @@ def _whole(found: dict[str, str], key: str, default: int, low: int, high: int) -
 
 
 def memory(structure: Structure, n: int, nx: int) -> int:
-    """Bytes that a controller and OSQP's workspace take; n joints, nx states. A node's share was fitted to builds of 1
-    to 6 joints, within a tenth."""
+    """Estimate the memory of a controller and of OSQP's workspace.
+
+    Args:
+        structure: The controller's structure.
+        n: Number of joints.
+        nx: Number of states.
+
+    Returns:
+        Bytes.
+
+    Source:
+        Fitted to builds of 1 to 6 joints, within a tenth.
+
+    """
     rows = 4 * n + nx // 2 - n + 1 + structure.walls
     return structure.nodes * (170 * nx * nx + 45 * nx * rows + 1600 * rows)
 
 
 def fitting(structure: Structure, n: int, nx: int) -> None:
-    """Refuses a horizon that memory does not allow; n joints, nx states. Raises StructureError."""
+    """Refuse a horizon that memory does not allow.
+
+    Args:
+        structure: The controller's structure.
+        n: Number of joints.
+        nx: Number of states.
+
+    Raises:
+        StructureError: The controller takes more than MEMORY.
+
+    """
     needed = memory(structure, n, nx)
     if needed > MEMORY:
         most = structure.nodes * MEMORY // needed

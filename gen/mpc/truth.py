@@ -1,9 +1,8 @@
 """The truth beside a tick: the whole nonlinear problem, converged by IPOPT, with the dynamics integrated finely.
 
-Nothing of the compiled controller is in it but the graphs that it was made from: every node is integrated by RK4 in
-small
-steps, so that the error of the exponential step is measured too. Limits are soft with the same exact penalty (slacks),
-inputs hard. Source: Wächter, Biegler, Math. Program. 106 (2006) 25.
+Nothing of the compiled controller is in it but the graphs from which it was made: every node is integrated by RK4 in
+small steps, so that the error of the exponential step is measured too. Limits are soft with the same exact penalty
+(slacks), inputs hard. Source: Wächter, Biegler, Math. Program. 106 (2006) 25.
 """
 
 from __future__ import annotations
@@ -23,14 +22,19 @@ PARTS = 4  # steps of RK4 a node: 2.5 ms each at the default, a hundredth of a j
 
 
 def truth(library: Library, structure: Structure, problem: Mapping[str, Any]) -> dict[str, Any]:
-    """The converged plan of a problem: torques (nodes × n, in the controller's units), cost of it and of the
-    ``plan`` that
-    is given, both on the finely integrated dynamics, and IPOPT's status.
+    """Solve a controller's problem to convergence.
 
-    ``problem``: x (first state), T (torques, the starting guess and the plan to compare), before, shared, force, goal
-    (nodes × outputs), weights (2 × outputs: all nodes, last), torque_weight, rate_weight, hold, low, high (rows),
-    linear,
-    square (rows), grid, period, simple, fading; all in the controller's units.
+    Args:
+        library: The library.
+        structure: The controller's structure.
+        problem: In the controller's units: x (first state), T (torques: the starting guess, and the plan to compare),
+            before, shared, force, goal (nodes × outputs), weights (2 × outputs: all nodes, last), torque_weight,
+            rate_weight, hold, low, high, linear, square (rows), grid, period, simple, fading.
+
+    Returns:
+        The torques "T" (nodes × n, in the controller's units), their "cost" and the "cost_of_plan" given, both on the
+        finely integrated dynamics, IPOPT's "status" and "iterations".
+
     """
     model = library.graphs.model
     made = stage(model, structure, ca.vertcat(model.p, *model.inverse.values()))
@@ -87,6 +91,7 @@ def _problem(made: Stage, data: Mapping[str, Any], T: Any, x: Any, slack: Any) -
     n, nodes, simple = made.model.n, made.structure.nodes, [int(k) for k in data["simple"]]
     shared, before, at = MX(data["shared"]), MX(data["before"]), MX(data["x"])
     cost, rows, low, high = MX(0), list[Any](), list[Any](), list[Any]()
+    spans = [data["period"][0], *data["grid"]]  # s, since the torque before
     step = _node(made)
     for k in range(nodes):
         force = MX(data["force"] * data["fading"][k])
@@ -99,7 +104,7 @@ def _problem(made: Stage, data: Mapping[str, Any], T: Any, x: Any, slack: Any) -
         cost += 0.5 * ca.dot(data["rate_weight"], (T[:, k] - before) ** 2)
         soft, s = ca.vertcat(*(at[i] for i in simple), g), slack[:, k]
         cost += ca.dot(data["linear"][2 * n :], s) + 0.5 * ca.dot(data["square"][2 * n :], s**2)
-        span = float(data["grid"][k - 1]) if k else float(data["period"][0])
+        span = float(spans[k])
         share = np.concatenate([np.ones(n), np.full(n, span)])
         rows += [gap, T[:, k], T[:, k] - before, soft - s, soft + s]
         free, still = np.full(soft.numel(), np.inf), np.zeros(made.nx)

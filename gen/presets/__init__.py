@@ -6,5 +6,10 @@ from pathlib import Path
 
 
 def presets() -> dict[str, Path]:
-    """The file of each preset by its name."""
+    """Find the presets.
+
+    Returns:
+        The file of each preset by its name.
+
+    """
     return {path.stem: path for path in sorted(Path(__file__).parent.glob("*.toml"))}

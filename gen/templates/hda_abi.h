@@ -1,5 +1,5 @@
-/* The dozen declarations of Python's stable ABI that are used, so that building needs no Python headers; their layout is fixed by
- * PEP 384 and the list of the stable ABI (Py_buffer since 3.11). */
+/* The dozen declarations of Python's stable ABI that are used, so that building needs no Python headers; their layout
+ * is fixed by PEP 384 and the list of the stable ABI (Py_buffer since 3.11). */
 #ifndef HDA_ABI_H
 #define HDA_ABI_H
 
@@ -47,7 +47,17 @@ typedef struct {
     void *traverse, *clear, *free;
 } PyModuleDef;
 
-enum { WRITABLE = 1, FORMAT = 4, C_CONTIGUOUS = 0x38, NOARGS = 4, FASTCALL = 0x80, TP_DEALLOC = 52, TP_DOC = 56, TP_METHODS = 64, MOD_EXEC = 2 };
+enum {
+    WRITABLE = 1,
+    FORMAT = 4,
+    C_CONTIGUOUS = 0x38,
+    NOARGS = 4,
+    FASTCALL = 0x80,
+    TP_DEALLOC = 52,
+    TP_DOC = 56,
+    TP_METHODS = 64,
+    MOD_EXEC = 2
+};
 
 extern PyObject _Py_NoneStruct;
 extern PyObject *PyExc_ValueError, *PyExc_TypeError, *PyExc_MemoryError;

@@ -7,7 +7,8 @@
 #include "hda_batch_step.h"
 
 /* One row of all lanes: load the inputs, step, store. */
-static void advance(const double *const *u, const hda_batch *c, double h, long steps, hda_batch *x, double *const *out) {
+static void advance(const double *const *u, const hda_batch *c, double h, long steps, hda_batch *x,
+                    double *const *out) {
     hda_batch in[HDA_NU];
 #define INPUT(lane) u[lane][i]
     for (int i = 0; i < HDA_NU; i++) in[i] = (hda_batch)HDA_BATCH_OF(INPUT);
@@ -18,12 +19,14 @@ static void advance(const double *const *u, const hda_batch *c, double h, long s
     }
 }
 
-static void group(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, long first, long count, int own, double *out) {
+static void group(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                  long first, long count, int own, double *out) {
     hda_batch x[HDA_NX], constants[HDA_NC];
     const double *in[HDA_BATCH_WIDTH];
     double *to[HDA_BATCH_WIDTH];
     for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) {
-        const long which = first + lane < count ? first + lane : count - 1; /* lanes without work repeat the last trajectory */
+        /* lanes without work repeat the last trajectory */
+        const long which = first + lane < count ? first + lane : count - 1;
         in[lane] = u + which * rows * HDA_NU;
         to[lane] = out + which * (rows + 1) * HDA_NX;
         for (int i = 0; i < HDA_NX; i++) x[i][lane] = x0[which * HDA_NX + i];
@@ -40,19 +43,26 @@ static void group(const double *x0, const double *u, const double *c, const doub
     }
 }
 
-int hda_batch_width(void) { return HDA_BATCH_WIDTH; }
+int hda_batch_width(void) {
+    return HDA_BATCH_WIDTH;
+}
 
-void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, long count, int own, double *x) {
+void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                       long count, int own, double *x) {
     for (long first = 0; first < count; first += HDA_BATCH_WIDTH) group(x0, u, c, dt, rows, most, first, count, own, x);
 }
 
 #else
 
-int hda_batch_width(void) { return 1; }
+int hda_batch_width(void) {
+    return 1;
+}
 
-void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, long count, int own, double *x) {
+void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                       long count, int own, double *x) {
     for (long k = 0; k < count; k++) {
-        hda_rollout(x0 + k * HDA_NX, u + k * rows * HDA_NU, c + (own ? k * HDA_NC : 0), dt, rows, most, x + k * (rows + 1) * HDA_NX);
+        hda_rollout(x0 + k * HDA_NX, u + k * rows * HDA_NU, c + (own ? k * HDA_NC : 0), dt, rows, most,
+                    x + k * (rows + 1) * HDA_NX);
     }
 }
 

@@ -8,8 +8,8 @@
 typedef struct {
     int gains, reference, memory;
     void (*start)(const double *measured, const double *reference, const double *c, double *state);
-    void (*tick)(const double *measured, const double *sent, const double *reference, const double *gains, const double *c,
-                 const double *state, double *torque, double *next);
+    void (*tick)(const double *measured, const double *sent, const double *reference, const double *gains,
+                 const double *c, const double *state, double *torque, double *next);
 } law;
 
 #define HDA_LAW_ROW(name, gains, reference, memory) {gains, reference, memory, hda_##name##_start, hda_##name##_tick},
@@ -18,7 +18,8 @@ static const double low[][HDA_GAINS_MOST] = HDA_GAINS_LOW, high[][HDA_GAINS_MOST
 
 enum { LAWS = sizeof laws / sizeof *laws };
 
-HDA_APART static int configure(hda_controller *k, int number, const double *p, const double *gains, const hda_guard_config *config) {
+HDA_APART static int configure(hda_controller *k, int number, const double *p, const double *gains,
+                               const hda_guard_config *config) {
     if (!k || !p || !gains || !config) return HDA_CONTROL_CALL;
     if (number < 0 || number >= LAWS) return HDA_CONTROL_LAW;
     for (int i = 0; i < HDA_NP; i++) {
@@ -44,7 +45,8 @@ static void gather(const hda_measurement *m, double *measured) {
     memcpy(measured + 2 * HDA_N, m->tip_force, sizeof m->tip_force);
 }
 
-HDA_APART static int tick(hda_controller *k, double now, const hda_measurement *m, const double *reference, double *torque) {
+HDA_APART static int tick(hda_controller *k, double now, const hda_measurement *m, const double *reference,
+                          double *torque) {
     double raw[HDA_N] = {0}, map[2 * HDA_N] = {0}, measured[2 * HDA_N + 2], next[HDA_MEMORY_MOST];
     if (!k || k->law < 0 || k->law >= LAWS) return hda_guard_end_held(k ? &k->guard : NULL, raw, map, torque);
     const law *chosen = &laws[k->law];
@@ -63,14 +65,16 @@ HDA_APART static int tick(hda_controller *k, double now, const hda_measurement *
     return status;
 }
 
-int hda_controller_configure(hda_controller *k, int law, const double *p, const double *gains, const hda_guard_config *config) {
+int hda_controller_configure(hda_controller *k, int law, const double *p, const double *gains,
+                             const hda_guard_config *config) {
     const hda_float caller = hda_float_hold();
     const int status = configure(k, law, p, gains, config);
     hda_float_restore(&caller);
     return status;
 }
 
-int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference, double *torque) {
+int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference,
+                        double *torque) {
     const hda_float caller = hda_float_hold();
     const int status = tick(k, now, m, reference, torque);
     hda_float_restore(&caller);

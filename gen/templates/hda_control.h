@@ -12,11 +12,14 @@
 #include "hda_laws.h" /* HDA_LAW_LIST, the largest numbers of gains, references and memory */
 
 /* name, code, sentence; the guard's own statuses come through unchanged */
+/* clang-format off */
 #define HDA_CONTROL_LIST(HDA_STATUS) \
   HDA_STATUS(HDA_CONTROL_CALL, -300, "A pointer is null; nothing was changed.") \
   HDA_STATUS(HDA_CONTROL_LAW, -301, "There is no law of that number; see hda_laws.h. Nothing was changed.") \
-  HDA_STATUS(HDA_CONTROL_GAIN, -302, "A gain is not finite or out of its bounds; the manifest has them. Nothing was changed.") \
+  HDA_STATUS(HDA_CONTROL_GAIN, -302, \
+  "A gain is not finite or out of its bounds; the manifest has them. Nothing was changed.") \
   HDA_STATUS(HDA_CONTROL_PARAMETER, -303, "A parameter of the model is not finite; nothing was changed.")
+/* clang-format on */
 
 #define HDA_STATUS_NAME(name, code, sentence) name = (code),
 enum hda_control_status { HDA_CONTROL_LIST(HDA_STATUS_NAME) HDA_CONTROL_END = 1001 };
@@ -35,12 +38,15 @@ typedef struct hda_controller {
 extern "C" {
 #endif
 
-/* Sets or replaces law, parameters, gains (the gain `period` is config's, within that gain's bounds) and the guard's configuration: all, or none
- * and a negative status. A change of law restarts the memory, a change of gains keeps it. */
-HDA_API int hda_controller_configure(hda_controller *k, int law, const double *p, const double *gains, const hda_guard_config *config);
+/* Sets or replaces law, parameters, gains (the gain `period` is config's, within that gain's bounds) and the guard's
+ * configuration: all, or none and a negative status. A change of law restarts the memory, a change of gains keeps it.
+ */
+HDA_API int hda_controller_configure(hda_controller *k, int law, const double *p, const double *gains,
+                                     const hda_guard_config *config);
 
 /* One tick: HDA_N torques in N m at the motors are always written. Status as in hda_guard.h. */
-HDA_API int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference, double *torque);
+HDA_API int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference,
+                                double *torque);
 
 /* Leaves the safe state with a fresh measurement; the law starts anew from it. Returns 0, or says why not. */
 HDA_API int hda_controller_recover(hda_controller *k, double now, const hda_measurement *m);

@@ -1,7 +1,7 @@
 /* A bank of extended Kalman filters: hdagen/kalman.py says what they are, and after whom.
  *
- * All filters share the model's slopes, which are taken where the likeliest of them is, so that one filter's entry of a covariance
- * stands beside the others': the innermost loops run over filters.
+ * All filters share the model's slopes, which are taken where the likeliest of them is, so that one filter's entry of a
+ * covariance stands beside the others': the innermost loops run over filters.
  */
 #include "hda_filters.h"
 
@@ -13,7 +13,7 @@
 
 enum {
     D_MOST = HDA_MECHANICAL + HDA_EXTRA_MOST,
-    JOINT = HDA_POSITION,                    /* of x: positions of the joints, velocities of all, those of the joints */
+    JOINT = HDA_POSITION, /* of x: positions of the joints, velocities of all, those of the joints */
     RATE = HDA_MECHANICAL / 2 + HDA_POSITION
 };
 
@@ -47,7 +47,8 @@ static void times(double (*a)[D_MOST], double (*b)[D_MOST], int D, double (*to)[
 }
 
 /* The slopes of `steps` steps of h from x, each to the order of Runge and Kutta's. */
-static void linearise(const hda_bank *bank, const double *x, const double *u, const double *c, double h, long steps, double (*slopes)[D_MOST]) {
+static void linearise(const hda_bank *bank, const double *x, const double *u, const double *c, double h, long steps,
+                      double (*slopes)[D_MOST]) {
     static const int slide[HDA_N] = HDA_SLIDE;
     const int D = HDA_MECHANICAL + bank->extra;
     double at[HDA_NX], by_x[HDA_NX * HDA_NX], by_u[HDA_NX * HDA_NU], by_p[HDA_NX * HDA_NP];
@@ -157,10 +158,12 @@ static void lose(filters *f, const hda_bank *bank, const double *begun) {
 }
 
 /* What the channels show beside what is expected of each filter. */
-static void compare(const filters *f, const hda_bank *bank, const double *u, const double *c, const double *measured, lanes *error) {
+static void compare(const filters *f, const hda_bank *bank, const double *u, const double *c, const double *measured,
+                    lanes *error) {
     EACH(l) {
         double shown[HDA_CHANNELS_MOST], law[HDA_N], beyond[HDA_N], torque[HDA_N], angle[HDA_N], tip[2], rate[2];
-        hda_outputs(f->x[l], u, c, shown, shown + HDA_N, law, beyond, torque, shown + 2 * HDA_N, shown + 3 * HDA_N, angle, tip, rate);
+        hda_outputs(f->x[l], u, c, shown, shown + HDA_N, law, beyond, torque, shown + 2 * HDA_N, shown + 3 * HDA_N,
+                    angle, tip, rate);
         for (int i = 0; i < bank->channels; i++) error[i][l] = measured[i] - shown[bank->shows[i]];
     }
     for (int i = 0; i < bank->channels; i++) {
@@ -169,11 +172,13 @@ static void compare(const filters *f, const hda_bank *bank, const double *u, con
     }
 }
 
-/* All filters by what a row shows; the log-likelihood of having seen it is added to `told`, and where it is to be judged to
- * `score`. With S = L L' the covariance of what is shown, V = L⁻¹ H P: P loses V'V. */
-static void correct(filters *f, const hda_bank *bank, const double *u, const double *c, const double *measured, const double *variance, int judged) {
+/* All filters by what a row shows; the log-likelihood of having seen it is added to `told`, and where it is to be
+ * judged to `score`. With S = L L' the covariance of what is shown, V = L⁻¹ H P: P loses V'V. */
+static void correct(filters *f, const hda_bank *bank, const double *u, const double *c, const double *measured,
+                    const double *variance, int judged) {
     const int M = bank->channels, D = HDA_MECHANICAL + bank->extra;
-    lanes error[HDA_CHANNELS_MOST], V[HDA_CHANNELS_MOST][D_MOST], L[HDA_CHANNELS_MOST][HDA_CHANNELS_MOST], inverse, likely = {0.0};
+    lanes error[HDA_CHANNELS_MOST], V[HDA_CHANNELS_MOST][D_MOST], L[HDA_CHANNELS_MOST][HDA_CHANNELS_MOST], inverse,
+        likely = {0.0};
     compare(f, bank, u, c, measured, error);
     memset(V, 0, sizeof V);
     for (int i = 0; i < M; i++) {
@@ -193,7 +198,8 @@ static void correct(filters *f, const hda_bank *bank, const double *u, const dou
             }
         }
     }
-    for (int i = 0; i < M; i++) { /* Cholesky's L, and what it makes of V and the error, row by row; of L's diagonal the inverse */
+    /* Cholesky's L, and what it makes of V and the error, row by row; of L's diagonal the inverse */
+    for (int i = 0; i < M; i++) {
         for (int j = 0; j <= i; j++) {
             for (int k = 0; k < j; k++) EACH(l) L[i][j][l] -= L[i][k][l] * L[j][k][l];
             if (j < i) EACH(l) L[i][j][l] *= L[j][j][l];
@@ -228,8 +234,9 @@ static void correct(filters *f, const hda_bank *bank, const double *u, const dou
     }
 }
 
-void hda_filter(const hda_bank *bank, const double *x, const double *extra, const double *covariance, long first, long last, const double *u,
-                const double *time, const double *c, const double *measured, const double *variance, double *found) {
+void hda_filter(const hda_bank *bank, const double *x, const double *extra, const double *covariance, long first,
+                long last, const double *u, const double *time, const double *c, const double *measured,
+                const double *variance, double *found) {
     const int D = HDA_MECHANICAL + bank->extra;
     filters f;
     memset(&f, 0, sizeof f);

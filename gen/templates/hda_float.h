@@ -1,13 +1,14 @@
-/* The floating-point environment in which the guard and the controllers compute: to nearest, no trap, no flush to zero. A function that a control
- * loop calls holds it and gives the caller its own back, flags included, so that it neither raises nor obeys anything of the caller's:
+/* The floating-point environment in which the guard and the controllers compute: to nearest, no trap, no flush to zero.
+ * A function that a control loop calls holds it and gives the caller its own back, flags included, so that it neither
+ * raises nor obeys anything of the caller's:
  *
  *     const hda_float caller = hda_float_hold();
  *     status = computed apart(...);
  *     hda_float_restore(&caller);
  *
- * HDA_APART marks what computes between the two: a compiler may move arithmetic of the same function to before the one or after the other.
- * Where there is no <fenv.h> (freestanding, and not x86-64), or HDA_FLOAT_AS_IT_IS is defined, nothing is held: the caller sees to that
- * environment. */
+ * HDA_APART marks what computes between the two: a compiler may move arithmetic of the same function to before the one
+ * or after the other. Where there is no <fenv.h> (freestanding, and not x86-64), or HDA_FLOAT_AS_IT_IS is defined,
+ * nothing is held: the caller sees to that environment. */
 #ifndef HDA_FLOAT_H
 #define HDA_FLOAT_H
 
@@ -19,7 +20,8 @@
 
 #if defined(HDA_FLOAT_AS_IT_IS) || (!defined(__x86_64__) && !__STDC_HOSTED__)
 #define HDA_FLOAT_BY_NOTHING
-#elif !defined(__x86_64__) /* <fenv.h> takes some hundred cycles on x86, and there is nothing else to know of 64 bits of it */
+#elif !defined(__x86_64__)
+/* <fenv.h> takes some hundred cycles on x86, and there is nothing else to know of 64 bits of it */
 #define HDA_FLOAT_BY_FENV
 #include <fenv.h>
 #endif

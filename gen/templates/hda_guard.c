@@ -18,28 +18,24 @@ typedef struct finding {
 
 static const finding NOTHING = {HDA_FINE, 0};
 
-static int context(const hda_guard *g)
-{
+static int context(const hda_guard *g) {
     if (g == NULL) return HDA_FAULT_CONTEXT;
     if (g->version == 0 && g->size == 0) return HDA_FAULT_UNCONFIGURED;
     return g->version == HDA_GUARD_VERSION && g->size == sizeof(hda_guard) ? HDA_FINE : HDA_FAULT_CONTEXT;
 }
 
-static int force_limited(const hda_guard *g)
-{
+static int force_limited(const hda_guard *g) {
     return g->config.force_limit < HDA_UNLIMITED;
 }
 
 /* ---- faults ---- */
 
 /* The first fault since the last read, or that it was read. */
-static int refusal(const hda_guard *g)
-{
+static int refusal(const hda_guard *g) {
     return g->fault.code != HDA_FINE ? g->fault.code : HDA_LATCHED;
 }
 
-static void latch(hda_guard *g, finding found, const hda_measurement *m, const double *raw)
-{
+static void latch(hda_guard *g, finding found, const hda_measurement *m, const double *raw) {
     hda_fault *f = &g->fault;
     if (!g->latched) {
         g->latched = 1;
@@ -62,14 +58,12 @@ static void latch(hda_guard *g, finding found, const hda_measurement *m, const d
     memcpy(f->sent, g->sent, sizeof f->sent);
 }
 
-static void latch_code(hda_guard *g, int code)
-{
+static void latch_code(hda_guard *g, int code) {
     const finding found = {code, 0};
     latch(g, found, NULL, NULL);
 }
 
-int hda_guard_read(hda_guard *g, hda_fault *fault)
-{
+int hda_guard_read(hda_guard *g, hda_fault *fault) {
     const int bad = context(g);
     if (bad != HDA_FINE) return bad;
     const int code = g->fault.code;
@@ -82,8 +76,7 @@ int hda_guard_read(hda_guard *g, hda_fault *fault)
 
 /* ---- what comes in ---- */
 
-static int check_time(const hda_guard *g, double now, double stamp)
-{
+static int check_time(const hda_guard *g, double now, double stamp) {
     const double elapsed = now - g->tick_time;
     if (!hda_finite(now) || !hda_finite(stamp)) return HDA_FAULT_TIME_FINITE;
     if (g->started && elapsed <= 0.0) return HDA_FAULT_TIME_BACKWARD;
@@ -93,8 +86,7 @@ static int check_time(const hda_guard *g, double now, double stamp)
     return HDA_FINE;
 }
 
-static finding check_jump(const hda_guard *g, const hda_measurement *m)
-{
+static finding check_jump(const hda_guard *g, const hda_measurement *m) {
     for (int j = 0; j < HDA_N; j++) {
         const double motor = hda_magnitude(m->motor_position[j] - g->measured.motor_position[j]);
         const double joint = hda_magnitude(m->joint_position[j] - g->measured.joint_position[j]);
@@ -105,8 +97,7 @@ static finding check_jump(const hda_guard *g, const hda_measurement *m)
     return NOTHING;
 }
 
-static int check_stale(hda_guard *g, const hda_measurement *m)
-{
+static int check_stale(hda_guard *g, const hda_measurement *m) {
     const size_t rest = sizeof(double); /* the bits after the stamp */
     const int same_stamp = m->stamp == g->measured.stamp;
     const int same_bits = memcmp((const char *)m + rest, (const char *)&g->measured + rest, sizeof *m - rest) == 0;
@@ -117,8 +108,7 @@ static int check_stale(hda_guard *g, const hda_measurement *m)
 }
 
 /* Every check runs in every tick, as each also says what the safe law may stand on; the first that fails counts. */
-static finding observe(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count)
-{
+static finding observe(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count) {
     double measured[MEASURED];
     finding found = {check_time(g, now, m->stamp), 0};
     memcpy(measured, m, sizeof measured);
@@ -149,15 +139,13 @@ static finding observe(hda_guard *g, double now, const hda_measurement *m, const
 
 /* What a tick counts for in the rate limit: the time since the last torque, no less than period_min (a clock that
  * claims less, or nothing, must not keep the torque from falling), no more than period (no larger step when late). */
-static double counted(const hda_guard *g, double now)
-{
+static double counted(const hda_guard *g, double now) {
     const double since = now - g->sent_time;
     if (!g->started || !(since > g->config.period_min)) return g->config.period_min;
     return since < g->config.period ? since : g->config.period;
 }
 
-int hda_guard_begin_held(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count)
-{
+int hda_guard_begin_held(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count) {
     const int bad = context(g);
     if (bad != HDA_FINE) return bad;
     const int callable = m != NULL && count >= 0 && count <= HDA_REFERENCE_MAX && (reference != NULL || count == 0);
@@ -185,8 +173,7 @@ int hda_guard_begin_held(hda_guard *g, double now, const hda_measurement *m, con
 /* ---- what goes out ---- */
 
 /* One step from the torque sent last straight towards target: where both ends keep the force limit, so does the way. */
-static void approach(const hda_guard *g, const double *target, const double *step, double *out)
-{
+static void approach(const hda_guard *g, const double *target, const double *step, double *out) {
     double steps = 0.0;
     for (int j = 0; j < HDA_N; j++) {
         const double gap = hda_magnitude(target[j] - g->sent[j]);
@@ -199,8 +186,7 @@ static void approach(const hda_guard *g, const double *target, const double *ste
 }
 
 /* Slides out towards one step to zero, as far as the force limit asks: both are legal, and so is the line between. */
-static int keep_force(const hda_guard *g, const double *step, double *out)
-{
+static int keep_force(const hda_guard *g, const double *step, double *out) {
     static const double zero[HDA_N];
     double low[HDA_N];
     const double limit = g->config.force_limit;
@@ -218,16 +204,14 @@ static int keep_force(const hda_guard *g, const double *step, double *out)
 }
 
 /* What the force limit leaves of a torque, as a share of the whole vector. */
-static double force_share(const hda_guard *g, const double *torque)
-{
+static double force_share(const hda_guard *g, const double *torque) {
     const double force = force_limited(g) ? hda_guard_force(g->force_map, torque) : 0.0;
     return force > g->config.force_limit ? g->config.force_limit / force : 1.0;
 }
 
 /* Force, torque, rate: the controller's torque made legal. Cutting single joints could raise the force again, so with
  * a force limit the torque limit scales the whole vector too, and the rate limit goes straight towards it. */
-static int limit_result(const hda_guard *g, const double *raw, const double *step, double *out)
-{
+static int limit_result(const hda_guard *g, const double *raw, const double *step, double *out) {
     const hda_guard_config *c = &g->config;
     const double share = force_share(g, raw);
     double wanted[HDA_N], over = 1.0;
@@ -250,8 +234,7 @@ static int limit_result(const hda_guard *g, const double *raw, const double *ste
 
 /* One step of the safe ramp. The law's torque moves at half the rate, so that the torque sent catches it in a stated
  * number of ticks whatever the measurements do, and from then on keeps nothing of what the controller sent. */
-static void safe_torque(hda_guard *g, int level, const double *step, double *out)
-{
+static void safe_torque(hda_guard *g, int level, const double *step, double *out) {
     const hda_guard_config *c = &g->config;
     double law[HDA_N] = {0.0};
     if (level > g->trust) level = g->trust;
@@ -274,8 +257,7 @@ static void safe_torque(hda_guard *g, int level, const double *step, double *out
 }
 
 /* The last assertion, and out. It fails only where the context was overwritten: no limit is known, so zero is sent. */
-static int send(hda_guard *g, const double *step, const double *out, double time, int status, double *torque)
-{
+static int send(hda_guard *g, const double *step, const double *out, double time, int status, double *torque) {
     int legal = 1;
     for (int j = 0; j < HDA_N; j++) {
         const double limit = g->config.torque_limit[j], last = g->sent[j];
@@ -289,21 +271,18 @@ static int send(hda_guard *g, const double *step, const double *out, double time
     return g->latched ? refusal(g) : status;
 }
 
-static void rate_steps(const hda_guard *g, double *step)
-{
+static void rate_steps(const hda_guard *g, double *step) {
     for (int j = 0; j < HDA_N; j++) step[j] = g->config.torque_rate[j] * g->elapsed;
 }
 
 /* No context to stand on: zero, the only torque that is legal under every limit on its size. */
-static int send_zero(int code, double *torque)
-{
+static int send_zero(int code, double *torque) {
     for (int j = 0; torque != NULL && j < HDA_N; j++) torque[j] = 0.0;
     return code;
 }
 
 /* Finite on the result: the torque, the map, and the force they make. A legal map is kept for the safe ramp. */
-static finding check_result(hda_guard *g, const double *raw, const double *force_map)
-{
+static finding check_result(hda_guard *g, const double *raw, const double *force_map) {
     const int limited = force_limited(g);
     const int mapped = limited && force_map != NULL && hda_not_finite(force_map, 2 * HDA_N) == 0;
     finding found = NOTHING;
@@ -322,8 +301,7 @@ static finding check_result(hda_guard *g, const double *raw, const double *force
     return found;
 }
 
-int hda_guard_end_held(hda_guard *g, const double *raw, const double *force_map, double *torque)
-{
+int hda_guard_end_held(hda_guard *g, const double *raw, const double *force_map, double *torque) {
     const int bad = context(g);
     double step[HDA_N], out[HDA_N];
     int status = HDA_FINE;
@@ -347,16 +325,19 @@ int hda_guard_end_held(hda_guard *g, const double *raw, const double *force_map,
     return send(g, step, out, g->tick_time, status, torque);
 }
 
-int hda_guard_watchdog_held(hda_guard *g, double now, double *torque)
-{
+int hda_guard_watchdog_held(hda_guard *g, double now, double *torque) {
     const int bad = context(g);
     double step[HDA_N], out[HDA_N];
     int code = HDA_FINE;
     if (bad != HDA_FINE) return send_zero(bad, torque);
-    if (torque == NULL) code = HDA_FAULT_CALL;
-    else if (g->started && !hda_finite(now)) code = HDA_FAULT_TIME_FINITE;
-    else if (g->started && now < g->tick_time) code = HDA_FAULT_TIME_BACKWARD;
-    else if (g->started && now - g->tick_time > g->config.watchdog) code = HDA_FAULT_WATCHDOG;
+    if (torque == NULL)
+        code = HDA_FAULT_CALL;
+    else if (g->started && !hda_finite(now))
+        code = HDA_FAULT_TIME_FINITE;
+    else if (g->started && now < g->tick_time)
+        code = HDA_FAULT_TIME_BACKWARD;
+    else if (g->started && now - g->tick_time > g->config.watchdog)
+        code = HDA_FAULT_WATCHDOG;
     if (code != HDA_FINE) {
         g->now = now;
         latch_code(g, code);
@@ -376,8 +357,7 @@ int hda_guard_watchdog_held(hda_guard *g, double now, double *torque)
 
 /* ---- recover ---- */
 
-int hda_guard_recover_held(hda_guard *g, double now, const hda_measurement *m)
-{
+int hda_guard_recover_held(hda_guard *g, double now, const hda_measurement *m) {
     const int bad = context(g);
     double measured[MEASURED];
     if (bad != HDA_FINE) return bad;

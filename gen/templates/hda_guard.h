@@ -29,6 +29,7 @@
 #define HDA_SAFE_TICKS_MAX 1000000 /* a configuration that needs longer to be safe is refused */
 
 /* name, code, sentence: 0 fine, positive degraded, negative refused. One entry a line, read by other languages too. */
+/* clang-format off */
 #define HDA_STATUS_LIST(HDA_STATUS) \
   HDA_STATUS(HDA_FINE, 0, "The torque is the controller's own.") \
   HDA_STATUS(HDA_RATE_LIMITED, 1, "The controller's torque was limited in its rate.") \
@@ -80,6 +81,7 @@
   HDA_STATUS(HDA_RECOVER_STALE, -206, "The measurement is not newer than the last tick's; the safe state holds.") \
   HDA_STATUS(HDA_RECOVER_JUMP, -207, "The position jumps against the last tick's measurement; the safe state holds.") \
   HDA_STATUS(HDA_RECOVER_OPEN, -208, "A tick is open; end it first. The safe state holds.")
+/* clang-format on */
 
 #define HDA_STATUS_NAME(name, code, sentence) name = (code),
 enum hda_status { HDA_STATUS_LIST(HDA_STATUS_NAME) HDA_STATUS_END = 1000 };
@@ -105,34 +107,34 @@ typedef struct hda_measurement {
 } hda_measurement;
 
 typedef struct hda_guard_config {
-    uint32_t version;           /* HDA_GUARD_VERSION */
-    uint32_t size;              /* sizeof(hda_guard_config) */
-    int32_t safe;               /* enum hda_safe */
-    int32_t stale_stamp_ticks;  /* ticks in a row with the same stamp that are a fault */
-    int32_t stale_bits_ticks;   /* ticks in a row with every measured bit the same that are a fault */
-    int32_t joints;             /* HDA_N */
-    double period;              /* nominal, s */
-    double period_min;          /* s; a tick counts as no less */
-    double period_max;          /* s */
-    double watchdog;            /* s without a tick */
-    double force_limit;         /* N, the static tip force |force_map torque| */
-    double torque_limit[HDA_N]; /* N m */
-    double torque_rate[HDA_N];  /* N m/s */
-    double motor_jump[HDA_N];   /* rad in one tick */
-    double joint_jump[HDA_N];   /* rad in one tick */
+    uint32_t version;             /* HDA_GUARD_VERSION */
+    uint32_t size;                /* sizeof(hda_guard_config) */
+    int32_t safe;                 /* enum hda_safe */
+    int32_t stale_stamp_ticks;    /* ticks in a row with the same stamp that are a fault */
+    int32_t stale_bits_ticks;     /* ticks in a row with every measured bit the same that are a fault */
+    int32_t joints;               /* HDA_N */
+    double period;                /* nominal, s */
+    double period_min;            /* s; a tick counts as no less */
+    double period_max;            /* s */
+    double watchdog;              /* s without a tick */
+    double force_limit;           /* N, the static tip force |force_map torque| */
+    double torque_limit[HDA_N];   /* N m */
+    double torque_rate[HDA_N];    /* N m/s */
+    double motor_jump[HDA_N];     /* rad in one tick */
+    double joint_jump[HDA_N];     /* rad in one tick */
     double safe_damping[HDA_N];   /* N m s/rad; read for damping and hold */
     double safe_stiffness[HDA_N]; /* N m/rad; read for hold */
 } hda_guard_config;
 
 /* The first fault since the last hda_guard_read, with what came in. */
 typedef struct hda_fault {
-    int32_t code;            /* enum hda_status; 0 none */
-    int32_t index;           /* joint from 1; an input's number from 1, hda_measurement's, then the reference's; or 0 */
-    int32_t further;         /* faults after it */
+    int32_t code;    /* enum hda_status; 0 none */
+    int32_t index;   /* joint from 1; an input's number from 1, hda_measurement's, then the reference's; or 0 */
+    int32_t further; /* faults after it */
     int32_t reference_count;
-    double now;              /* s, as given */
-    double raw[HDA_N];       /* the controller's torque where the fault was found in it, else 0 */
-    double sent[HDA_N];      /* the torque sent before */
+    double now;         /* s, as given */
+    double raw[HDA_N];  /* the controller's torque where the fault was found in it, else 0 */
+    double sent[HDA_N]; /* the torque sent before */
     hda_measurement measurement;
     double reference[HDA_REFERENCE_MAX];
 } hda_fault;
@@ -141,25 +143,25 @@ typedef struct hda_fault {
 typedef struct hda_guard {
     uint32_t version, size;
     hda_guard_config config;
-    int32_t safe_bound;      /* hda_guard_safe_ticks(config) */
-    int32_t open;            /* between begin and end */
+    int32_t safe_bound; /* hda_guard_safe_ticks(config) */
+    int32_t open;       /* between begin and end */
     int32_t latched;
-    int32_t trust;           /* the strongest safe state that the measurements allow until recover, enum hda_safe */
-    int32_t level;           /* ... that this tick's measurement allows */
-    int32_t started;         /* tick_time is known */
-    int32_t known;           /* measured is known */
-    int32_t map_known;       /* force_map is known */
+    int32_t trust;     /* the strongest safe state that the measurements allow until recover, enum hda_safe */
+    int32_t level;     /* ... that this tick's measurement allows */
+    int32_t started;   /* tick_time is known */
+    int32_t known;     /* measured is known */
+    int32_t map_known; /* force_map is known */
     int32_t repeated_stamps, repeated_bits;
-    int32_t safe_ticks;      /* ticks since the latch */
+    int32_t safe_ticks; /* ticks since the latch */
     int32_t reference_count;
-    double now;              /* of the last call, as given */
-    double tick_time;        /* the last finite one */
+    double now;       /* of the last call, as given */
+    double tick_time; /* the last finite one */
     double sent_time;
-    double elapsed;          /* what this tick counts for in the rate limit, s; 0 once it is spent */
-    double sent[HDA_N];      /* the torque sent last */
-    double target[HDA_N];    /* the safe law's torque, slewed at half the rate */
-    double hold[HDA_N];      /* motor positions at the latch */
-    double velocity[HDA_N];  /* motor velocities of this tick, for the safe law */
+    double elapsed;         /* what this tick counts for in the rate limit, s; 0 once it is spent */
+    double sent[HDA_N];     /* the torque sent last */
+    double target[HDA_N];   /* the safe law's torque, slewed at half the rate */
+    double hold[HDA_N];     /* motor positions at the latch */
+    double velocity[HDA_N]; /* motor velocities of this tick, for the safe law */
     double force_map[2 * HDA_N];
     double reference[HDA_REFERENCE_MAX];
     hda_measurement measured; /* the last finite one */

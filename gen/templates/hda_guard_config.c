@@ -3,27 +3,24 @@
 
 #include <string.h>
 
-static int legal_limit(double x)
-{
+static int legal_limit(double x) {
     return hda_finite(x) && x >= HDA_SMALLEST_LIMIT && x <= HDA_UNLIMITED;
 }
 
-static int legal_limits(const double *x)
-{
+static int legal_limits(const double *x) {
     for (int j = 0; j < HDA_N; j++)
         if (!legal_limit(x[j])) return 0;
     return 1;
 }
 
-int hda_guard_safe_ticks_held(const hda_guard_config *c)
-{
+int hda_guard_safe_ticks_held(const hda_guard_config *c) {
     double worst = 0.0;
     if (c == NULL) return HDA_CONFIG_CALL;
     if (c->version != HDA_GUARD_VERSION) return HDA_CONFIG_VERSION;
     if (c->size != sizeof(hda_guard_config) || c->joints != HDA_N) return HDA_CONFIG_SIZE;
     if (c->safe < HDA_SAFE_ZERO || c->safe > HDA_SAFE_HOLD) return HDA_CONFIG_SAFE;
-    if (!legal_limit(c->period_min) || !legal_limit(c->period) || !legal_limit(c->period_max)
-        || c->period_min > c->period || c->period > c->period_max)
+    if (!legal_limit(c->period_min) || !legal_limit(c->period) || !legal_limit(c->period_max) ||
+        c->period_min > c->period || c->period > c->period_max)
         return HDA_CONFIG_PERIOD;
     if (!legal_limit(c->watchdog) || c->watchdog < c->period_max) return HDA_CONFIG_WATCHDOG;
     if (c->stale_stamp_ticks < 1 || c->stale_bits_ticks < 1) return HDA_CONFIG_STALE;
@@ -44,8 +41,7 @@ int hda_guard_safe_ticks_held(const hda_guard_config *c)
     return worst <= HDA_SAFE_TICKS_MAX - 2 ? (int)worst + 2 : HDA_CONFIG_SLOW;
 }
 
-double hda_guard_force(const double *force_map, const double *torque)
-{
+double hda_guard_force(const double *force_map, const double *torque) {
     double x = 0.0, y = 0.0;
     for (int j = 0; j < HDA_N; j++) {
         x += force_map[j] * torque[j];
@@ -54,8 +50,7 @@ double hda_guard_force(const double *force_map, const double *torque)
     return hda_length(x, y);
 }
 
-int hda_guard_configure_held(hda_guard *g, const hda_guard_config *config)
-{
+int hda_guard_configure_held(hda_guard *g, const hda_guard_config *config) {
     const int ticks = hda_guard_safe_ticks_held(config);
     if (g == NULL) return HDA_CONFIG_CALL;
     if (ticks < 0) return ticks;
@@ -77,13 +72,12 @@ int hda_guard_configure_held(hda_guard *g, const hda_guard_config *config)
     return HDA_FINE;
 }
 
-const char *hda_status_sentence(int status)
-{
+const char *hda_status_sentence(int status) {
     switch (status) {
 #define SENTENCE(name, code, sentence) \
     case code: return sentence;
         HDA_STATUS_LIST(SENTENCE)
 #undef SENTENCE
-    default: return "This number is not a status of the guard; compare the header with the library.";
+        default: return "This number is not a status of the guard; compare the header with the library.";
     }
 }

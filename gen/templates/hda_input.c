@@ -1,8 +1,8 @@
 /* The stage before the mechanics: delay, limits and lag of the current.
  *
- * Legend: u command, i(u) what limits and sag let through of it, d delay, T time constant of the lag, h row, s; w mean over the row
- * of i(u(t - d)); y what acts: i(u(t - d)) without a lag, else T dy/dt = i(u(t - d)) - y.
- * Nothing here allocates; every loop is bounded.
+ * Legend: u command, i(u) what limits and sag let through of it, d delay, T time constant of the lag, h row, s; w mean
+ * over the row of i(u(t - d)); y what acts: i(u(t - d)) without a lag, else T dy/dt = i(u(t - d)) - y. Nothing here
+ * allocates; every loop is bounded.
  */
 #include "hda.h"
 
@@ -19,8 +19,9 @@ void hda_input_reset(hda_input_state *state, const double *before, const double 
     state->count = 1;
 }
 
-/* Of joint j's current, `delay` s late, over the newest row: its mean, and what acts at the row's end, each row's part of it through the
- * lag, exactly, so that a lag which vanishes leaves the delay alone. The oldest row is taken to begin before all time. */
+/* Of joint j's current, `delay` s late, over the newest row: its mean, and what acts at the row's end, each row's part
+ * of it through the lag, exactly, so that a lag which vanishes leaves the delay alone. The oldest row is taken to begin
+ * before all time. */
 static void passed(const hda_input_state *state, int j, double delay, double lag, double *mean, double *acts) {
     const double h = state->length[state->newest];
     double begin = delay, end = delay + h; /* of the row that is looked at, after the delay */
@@ -38,8 +39,8 @@ static void passed(const hda_input_state *state, int j, double delay, double lag
     }
 }
 
-/* Joint j's current, `delay` s late, at the end of the newest row; a delay of whole rows is one though rounding splits them: what
- * arrives at that end does not act yet. */
+/* Joint j's current, `delay` s late, at the end of the newest row; a delay of whole rows is one though rounding splits
+ * them: what arrives at that end does not act yet. */
 static double late(const hda_input_state *state, int j, double delay) {
     const double h = WHOLE * state->length[state->newest];
     double begin = delay; /* of the row that is looked at, after the delay */
@@ -51,7 +52,8 @@ static double late(const hda_input_state *state, int j, double delay) {
     return state->current[row][j];
 }
 
-void hda_input_step(hda_input_state *state, const double *command, const double *c, double h, double *mean, double *at_end) {
+void hda_input_step(hda_input_state *state, const double *command, const double *c, double h, double *mean,
+                    double *at_end) {
     double delay[HDA_N], lag[HDA_N], through[HDA_N];
     hda_input_law(command, c, through, delay, lag);
     state->newest = state->newest + 1 < HDA_INPUT_ROWS ? state->newest + 1 : 0;
@@ -63,8 +65,10 @@ void hda_input_step(hda_input_state *state, const double *command, const double 
         mean[j] = at_end[j] = through[j];
         if (d > 0.0 || lag[j] > 0.0) {
             passed(state, j, d, lag[j], &mean[j], &at_end[j]);
-            if (lag[j] > 0.0) mean[j] += (state->acting[j] - at_end[j]) * lag[j] / h;
-            else at_end[j] = late(state, j, d);
+            if (lag[j] > 0.0)
+                mean[j] += (state->acting[j] - at_end[j]) * lag[j] / h;
+            else
+                at_end[j] = late(state, j, d);
         }
         state->acting[j] = at_end[j];
     }

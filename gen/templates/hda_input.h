@@ -1,6 +1,7 @@
-/* The stage before the mechanics: from commands, each held over its row, to the currents that act (torques where the input is
- * torque). Delay, limits and lag are exact in discrete time; where a row of the command arrives in the middle of another, its mean
- * over that row counts, so that what moves is continuous in the parameters. Without delay and lag nothing is changed by rounding. */
+/* The stage before the mechanics: from commands, each held over its row, to the currents that act (torques where the
+ * input is torque). Delay, limits and lag are exact in discrete time; where a row of the command arrives in the middle
+ * of another, its mean over that row counts, so that what moves is continuous in the parameters. Without delay and lag
+ * nothing is changed by rounding. */
 #ifndef HDA_INPUT_H
 #define HDA_INPUT_H
 
@@ -24,8 +25,8 @@ typedef struct {
 /* Begins as if `before` had been commanded for ever. */
 HDA_API void hda_input_reset(hda_input_state *state, const double *before, const double *c);
 
-/* One row: `command` is held for h s. `mean` gets the mean over the row of what acts, `at_end` what acts at its end, which is what a
- * sensor reads at the next row. */
+/* One row: `command` is held for h s. `mean` gets the mean over the row of what acts, `at_end` what acts at its end,
+ * which is what a sensor reads at the next row. */
 HDA_API void hda_input_step(hda_input_state *state, const double *command, const double *c, double h, double *mean,
                             double *at_end);
 

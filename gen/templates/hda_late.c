@@ -1,9 +1,11 @@
 /* Encoders that are read late: hdagen/late.py says what they show. */
 #include "hda.h"
 
-enum { JOINT = HDA_POSITION, RATE = HDA_MECHANICAL / 2 + HDA_POSITION }; /* of x: the joints' positions and velocities */
+/* of x: the joints' positions and velocities */
+enum { JOINT = HDA_POSITION, RATE = HDA_MECHANICAL / 2 + HDA_POSITION };
 
-/* Rows of a log: x (rows, NX) at `time`, each on the path of its number, where rows further apart than `far` are no neighbours. */
+/* Rows of a log: x (rows, NX) at `time`, each on the path of its number, where rows further apart than `far` are no
+ * neighbours. */
 typedef struct {
     const double *x, *time;
     const int *path;
@@ -11,8 +13,12 @@ typedef struct {
     double far;
 } course;
 
-static double angle(const course *of, long row, int j) { return of->x[row * HDA_NX + JOINT + j]; }
-static double rate(const course *of, long row, int j) { return of->x[row * HDA_NX + RATE + j]; }
+static double angle(const course *of, long row, int j) {
+    return of->x[row * HDA_NX + JOINT + j];
+}
+static double rate(const course *of, long row, int j) {
+    return of->x[row * HDA_NX + RATE + j];
+}
 
 /* The angle of joint j at `age` before a row by its series: where no two rows of its path enclose that. */
 static double series(const course *of, long row, int j, double age) {
@@ -30,14 +36,17 @@ static double before(const course *of, long row, int j, double age) {
     while (k < of->rows - 1 && of->time[k + 1] <= then) k++;
     if (k == of->rows - 1) k--;
     if (k < 0) return series(of, row, j, age);
-    const double h = of->time[k + 1] - of->time[k], s = (then - of->time[k]) / h, left = (1.0 - s) * (1.0 - s), square = s * s;
-    const int enclosed = s >= 0.0 && s <= 1.0 && h < of->far && of->path[k] == of->path[k + 1] && of->path[k] == of->path[row];
+    const double h = of->time[k + 1] - of->time[k], s = (then - of->time[k]) / h, left = (1.0 - s) * (1.0 - s),
+                 square = s * s;
+    const int enclosed =
+        s >= 0.0 && s <= 1.0 && h < of->far && of->path[k] == of->path[k + 1] && of->path[k] == of->path[row];
     if (!enclosed) return series(of, row, j, age);
-    return (1.0 + 2.0 * s) * left * angle(of, k, j) + s * left * h * rate(of, k, j) + square * (3.0 - 2.0 * s) * angle(of, k + 1, j) +
-           square * (s - 1.0) * h * rate(of, k + 1, j);
+    return (1.0 + 2.0 * s) * left * angle(of, k, j) + s * left * h * rate(of, k, j) +
+           square * (3.0 - 2.0 * s) * angle(of, k + 1, j) + square * (s - 1.0) * h * rate(of, k + 1, j);
 }
 
-void hda_late(const double *x, const double *time, const int *path, long rows, double far, const double *age, double *seen) {
+void hda_late(const double *x, const double *time, const int *path, long rows, double far, const double *age,
+              double *seen) {
     const course of = {x, time, path, rows, far};
     for (long row = 0; row < rows; row++) {
         for (int j = 0; j < HDA_N; j++) {

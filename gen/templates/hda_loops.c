@@ -20,7 +20,8 @@ static int prepare_law(const hda_loops *loops, const double *gains, double *k) {
 #define STORE(from, to, count) \
     for (int i = 0; i < (count); i++) memcpy((to)[i], &(from)[i], sizeof(hda_batch))
 
-static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST], double tip[][HDA_LOOPS_WIDEST]) {
+static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST],
+                  double tip[][HDA_LOOPS_WIDEST]) {
     hda_batch x[HDA_NX], u[HDA_NU], theta[HDA_N], q[HDA_N], at[2];
     memset(u, 0, sizeof u);
     LOAD(x, loops->x, HDA_NX);
@@ -32,8 +33,8 @@ static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOO
 
 static void control(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference, const double *known,
                     double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST]) {
-    hda_batch m[2 * HDA_N + 2], sent[HDA_N], gains[HDA_GAINS_MOST], k[LOOPS_PREPARED], state[HDA_MEMORY_MOST], torque[HDA_N],
-        next[HDA_MEMORY_MOST];
+    hda_batch m[2 * HDA_N + 2], sent[HDA_N], gains[HDA_GAINS_MOST], k[LOOPS_PREPARED], state[HDA_MEMORY_MOST],
+        torque[HDA_N], next[HDA_MEMORY_MOST];
     memset(next, 0, sizeof next);
     LOAD(m, measured, 2 * HDA_N + 2);
     LOAD(sent, loops->sent, HDA_N);
@@ -46,7 +47,8 @@ static void control(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const
 }
 
 /* RK4 of all lanes, the input held. */
-static void move(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const double *push, const double *c, double h, long steps) {
+static void move(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const double *push, const double *c, double h,
+                 long steps) {
     hda_batch x[HDA_NX], u[HDA_NU], k[HDA_NX], y[HDA_NX], from[HDA_NX];
     const double reach[4] = {0.5 * h, 0.5 * h, h, 0.0}, weight[4] = {h / 6.0, h / 3.0, h / 3.0, h / 6.0};
     LOAD(x, loops->x, HDA_NX);
@@ -75,7 +77,8 @@ enum { WIDTH = 1 };
 #define BACK(from, to, count) \
     for (int i = 0; i < (count); i++) (to)[i][0] = (from)[i]
 
-typedef void scalar_tick(const double *, const double *, const double *, const double *, const double *, const double *, double *, double *);
+typedef void scalar_tick(const double *, const double *, const double *, const double *, const double *, const double *,
+                         double *, double *);
 #define TICK(name, gains, reference, memory) hda_##name##_tick,
 static scalar_tick *const ticks[] = {HDA_LAW_LIST(TICK)};
 
@@ -86,7 +89,8 @@ static int prepare_law(const hda_loops *loops, const double *gains, double *k) {
     return 0;
 }
 
-static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST], double tip[][HDA_LOOPS_WIDEST]) {
+static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST],
+                  double tip[][HDA_LOOPS_WIDEST]) {
     double x[HDA_NX], u[HDA_NU] = {0.0}, theta[HDA_N], q[HDA_N], at[2], side[6][HDA_N], speed[2];
     COLUMN(x, loops->x, HDA_NX);
     hda_outputs(x, u, c, theta, side[0], side[1], side[2], side[3], q, side[4], side[5], at, speed);
@@ -97,7 +101,8 @@ static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOO
 
 static void control(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference, const double *known,
                     double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST]) {
-    double m[2 * HDA_N + 2], sent[HDA_N], gains[HDA_GAINS_MOST], state[HDA_MEMORY_MOST], torque[HDA_N], next[HDA_MEMORY_MOST] = {0.0};
+    double m[2 * HDA_N + 2], sent[HDA_N], gains[HDA_GAINS_MOST], state[HDA_MEMORY_MOST], torque[HDA_N],
+        next[HDA_MEMORY_MOST] = {0.0};
     COLUMN(m, measured, 2 * HDA_N + 2);
     COLUMN(sent, loops->sent, HDA_N);
     COLUMN(gains, loops->gains, HDA_GAINS_MOST);
@@ -107,7 +112,8 @@ static void control(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const
     BACK(next, later, HDA_MEMORY_MOST);
 }
 
-static void move(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const double *push, const double *c, double h, long steps) {
+static void move(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const double *push, const double *c, double h,
+                 long steps) {
     double x[HDA_NX], u[HDA_NU];
     COLUMN(x, loops->x, HDA_NX);
     COLUMN(u, input, HDA_N);
@@ -127,11 +133,15 @@ static const int gain_counts[] = {HDA_LAW_LIST(COUNT)};
 
 enum { LAWS = sizeof starters / sizeof *starters, MOST_STEPS = 1000 };
 
-int hda_loops_width(void) { return WIDTH; }
+int hda_loops_width(void) {
+    return WIDTH;
+}
 
-int hda_loops_begin(hda_loops *loops, int law, const double *x0, const double *gains, const double *settings, const double *c) {
+int hda_loops_begin(hda_loops *loops, int law, const double *x0, const double *gains, const double *settings,
+                    const double *c) {
     const double zero[HDA_N] = {0.0};
-    if (law < 0 || law >= LAWS || !(settings[1] >= 1.0 && settings[1] <= MOST_STEPS) || !(settings[2] >= 0.0 && settings[2] <= HDA_LOOPS_LATE)) {
+    if (law < 0 || law >= LAWS || !(settings[1] >= 1.0 && settings[1] <= MOST_STEPS) ||
+        !(settings[2] >= 0.0 && settings[2] <= HDA_LOOPS_LATE)) {
         return -1;
     }
     memset(loops, 0, sizeof *loops);
@@ -167,7 +177,8 @@ static void start(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const d
 }
 
 /* Size and rate, as the guard limits a vector without a limit of force; then the input stage. */
-static void send(hda_loops *loops, double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST], const double *c, double input[][HDA_LOOPS_WIDEST]) {
+static void send(hda_loops *loops, double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST], const double *c,
+                 double input[][HDA_LOOPS_WIDEST]) {
     const double *s = loops->settings, *limit = s + 3 + 2 * HDA_N, *rate = limit + HDA_N, *constant = rate + HDA_N;
     const double elapsed = loops->ticks ? s[0] : 0.5 * s[0]; /* the guard's first tick counts as its shortest period */
     for (int lane = 0; lane < WIDTH; lane++) {
@@ -187,9 +198,10 @@ static void send(hda_loops *loops, double raw[][HDA_LOOPS_WIDEST], double later[
     }
 }
 
-void hda_loops_tick(hda_loops *loops, const double *reference, const double *push, const double *felt, const double *noise, const double *c,
-                    const double *known, double *tip, double *sent) {
-    double seen[2 * HDA_N][HDA_LOOPS_WIDEST] = {{0.0}}; /* gcc loses sight of what fills it where a vector has four lanes */
+void hda_loops_tick(hda_loops *loops, const double *reference, const double *push, const double *felt,
+                    const double *noise, const double *c, const double *known, double *tip, double *sent) {
+    /* gcc loses sight of what fills it where a vector has four lanes */
+    double seen[2 * HDA_N][HDA_LOOPS_WIDEST] = {{0.0}};
     double at[2][HDA_LOOPS_WIDEST], measured[2 * HDA_N + 2][HDA_LOOPS_WIDEST];
     double raw[HDA_N][HDA_LOOPS_WIDEST], later[HDA_MEMORY_MOST][HDA_LOOPS_WIDEST], input[HDA_N][HDA_LOOPS_WIDEST];
     const double *s = loops->settings;
@@ -197,7 +209,8 @@ void hda_loops_tick(hda_loops *loops, const double *reference, const double *pus
     const long late = loops->ticks < delay ? 0 : (loops->ticks - delay) % (HDA_LOOPS_LATE + 1);
     sense(loops, c, seen, at);
     for (int i = 0; i < 2 * HDA_N; i++) {
-        for (int lane = 0; lane < WIDTH; lane++) loops->seen[now][i][lane] = read_out(seen[i][lane] + noise[i], s[3 + i]);
+        for (int lane = 0; lane < WIDTH; lane++)
+            loops->seen[now][i][lane] = read_out(seen[i][lane] + noise[i], s[3 + i]);
     }
     for (int i = 0; i < 2; i++) loops->felt[now][i] = felt[i];
     for (int lane = 0; lane < WIDTH; lane++) {

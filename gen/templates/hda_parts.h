@@ -1,4 +1,5 @@
-/* In how many equal steps of at most `most` a row of length dt is integrated, s; far too many are one, which flies apart and shows. */
+/* In how many equal steps of at most `most` a row of length dt is integrated, s; far too many are one, which flies
+ * apart and shows. */
 #ifndef HDA_PARTS_H
 #define HDA_PARTS_H
 

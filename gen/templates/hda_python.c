@@ -19,14 +19,23 @@ PyObject *hda_none(void) {
 static int fits(const hda_argument *a, PyObject *given, Py_ssize_t rows, Py_buffer *view, Py_ssize_t *stride) {
     if (PyObject_GetBuffer(given, view, C_CONTIGUOUS | FORMAT | (a->writable ? WRITABLE : 0)) < 0) {
         PyErr_Clear();
-        PyErr_Format(PyExc_TypeError, "%s must be a %scontiguous array of %s", a->name, a->writable ? "writable " : "", a->kind == 'd' ? "float64" : a->kind == 'i' ? "int32" : "uint8");
+        PyErr_Format(PyExc_TypeError, "%s must be a %scontiguous array of %s", a->name, a->writable ? "writable " : "",
+                     a->kind == 'd'   ? "float64"
+                     : a->kind == 'i' ? "int32"
+                                      : "uint8");
         return 0;
     }
     const Py_ssize_t size = a->kind == 'd' ? 8 : a->kind == 'i' ? 4 : 1;
     const char *format = view->format ? view->format : "B";
-    const int right = a->kind == 'd' ? !strcmp(format, "d") || !strcmp(format, "<d") : a->kind == 'i' ? !strcmp(format, "i") || !strcmp(format, "<i") : size == view->itemsize;
+    const int right = a->kind == 'd'   ? !strcmp(format, "d") || !strcmp(format, "<d")
+                      : a->kind == 'i' ? !strcmp(format, "i") || !strcmp(format, "<i")
+                                       : size == view->itemsize;
     if (!right || view->itemsize != size) {
-        PyErr_Format(PyExc_TypeError, "%s must hold %s, not items of format '%s'", a->name, a->kind == 'd' ? "float64" : a->kind == 'i' ? "int32" : "uint8", format);
+        PyErr_Format(PyExc_TypeError, "%s must hold %s, not items of format '%s'", a->name,
+                     a->kind == 'd'   ? "float64"
+                     : a->kind == 'i' ? "int32"
+                                      : "uint8",
+                     format);
     } else if (view->len == a->count * size) {
         *stride = 0;
         return 1;
@@ -34,7 +43,8 @@ static int fits(const hda_argument *a, PyObject *given, Py_ssize_t rows, Py_buff
         *stride = a->count * size;
         return 1;
     } else {
-        PyErr_Format(PyExc_ValueError, "%s must have %zd entries, not %zd", a->name, (Py_ssize_t)a->count, view->len / size);
+        PyErr_Format(PyExc_ValueError, "%s must have %zd entries, not %zd", a->name, (Py_ssize_t)a->count,
+                     view->len / size);
     }
     PyBuffer_Release(view);
     return 0;
@@ -50,7 +60,8 @@ static const hda_entry *find(PyObject *name) {
     return NULL;
 }
 
-int hda_take(const hda_entry *e, PyObject *const *given, Py_ssize_t count, Py_ssize_t rows, Py_buffer *views, void **at, Py_ssize_t *stride) {
+int hda_take(const hda_entry *e, PyObject *const *given, Py_ssize_t count, Py_ssize_t rows, Py_buffer *views, void **at,
+             Py_ssize_t *stride) {
     if (count != e->count) {
         PyErr_Format(PyExc_TypeError, "%s takes %zd arrays, not %zd", e->name, (Py_ssize_t)e->count, count);
         return 0;
@@ -127,7 +138,8 @@ static PyObject *map(PyObject *module, PyObject *const *args, Py_ssize_t count) 
     void *at[HDA_MOST_ARRAYS];
     const hda_entry *e = count > 1 ? find(args[0]) : NULL;
     if (!e) {
-        if (!PyErr_Occurred()) PyErr_SetString(PyExc_TypeError, "map takes a function's name, a number of rows and its arrays");
+        if (!PyErr_Occurred())
+            PyErr_SetString(PyExc_TypeError, "map takes a function's name, a number of rows and its arrays");
         return NULL;
     }
     const long rows = PyLong_AsLong(args[1]);
@@ -182,10 +194,14 @@ static PyObject *length(PyObject *module, PyObject *const *args, Py_ssize_t coun
 static PyMethodDef methods[] = {
     {"bind", (void (*)(void))bind, FASTCALL, "bind(name, *arrays): a function bound to its arrays."},
     {"map", (void (*)(void))map, FASTCALL, "map(name, rows, *arrays): the function on every row."},
-    {"rollout", (void (*)(void))hda_python_rollout, FASTCALL, "rollout(kind, x0, u, c, dt, most, count, x): simulate over time."},
-    {"windows", (void (*)(void))hda_python_windows, FASTCALL, "windows(begun, memory, edges, u, c, dt, jump, limit, x, most, count): windows that begin anew."},
-    {"late", (void (*)(void))hda_python_late, FASTCALL, "late(x, time, path, far, age, seen): what encoders show that are read late."},
-    {"filters", (void (*)(void))hda_python_filters, FASTCALL, "filters(...): the state at the end of each span, by a bank of filters."},
+    {"rollout", (void (*)(void))hda_python_rollout, FASTCALL,
+     "rollout(kind, x0, u, c, dt, most, count, x): simulate over time."},
+    {"windows", (void (*)(void))hda_python_windows, FASTCALL,
+     "windows(begun, memory, edges, u, c, dt, jump, limit, x, most, count): windows that begin anew."},
+    {"late", (void (*)(void))hda_python_late, FASTCALL,
+     "late(x, time, path, far, age, seen): what encoders show that are read late."},
+    {"filters", (void (*)(void))hda_python_filters, FASTCALL,
+     "filters(...): the state at the end of each span, by a bank of filters."},
     {"sentence", (void (*)(void))sentence, FASTCALL, "sentence(status): what a controller's status means."},
     {"length", (void (*)(void))length, FASTCALL, "length(name, array): entries that bind() expects."},
     {"empty", (void (*)(void))empty, NOARGS, "empty(): nothing, to time a call."},
@@ -200,14 +216,16 @@ static int execute(PyObject *module) {
     if (!hash) return -1;
     PyObject *width = PyLong_FromLong(hda_batch_width());
     if (!width) return -1;
-    const int failed = PyModule_AddObjectRef(module, "build", hash) < 0 || PyModule_AddObjectRef(module, "batch_width", width) < 0;
+    const int failed =
+        PyModule_AddObjectRef(module, "build", hash) < 0 || PyModule_AddObjectRef(module, "batch_width", width) < 0;
     Py_DecRef(hash);
     Py_DecRef(width);
     return failed ? -1 : 0;
 }
 
 static Slot slots[] = {{MOD_EXEC, (void *)(size_t)execute}, {0, NULL}};
-static PyModuleDef definition = {{1, NULL}, NULL, 0, NULL, "hda", "A compiled robot arm.", sizeof(PyObject *), methods, slots, NULL, NULL, NULL};
+static PyModuleDef definition = {{1, NULL},          NULL,    0,     NULL, "hda", "A compiled robot arm.",
+                                 sizeof(PyObject *), methods, slots, NULL, NULL,  NULL};
 
 extern __attribute__((visibility("default"))) PyObject *PyInit_hda(void);
 PyObject *PyInit_hda(void) {

@@ -1,8 +1,9 @@
-/* The step of models with stiff memories: a Rosenbrock method of order four, L-stable, in as many parts as the tolerance asks for.
+/* The step of models with stiff memories: a Rosenbrock method of order four, L-stable, in as many parts as the
+ * tolerance asks for.
  *
  * Legend: x state, u input held over the step, c constants, h step, J Jacobian of the rate by x, k slopes.
- * Source: RODAS: Hairer, Wanner, Solving Ordinary Differential Equations II (1996), IV.7 and their table of coefficients.
- * Nothing here allocates; every loop is bounded.
+ * Source: RODAS: Hairer, Wanner, Solving Ordinary Differential Equations II (1996), IV.7 and their table of
+ * coefficients. Nothing here allocates; every loop is bounded.
  */
 #include "hda.h"
 
@@ -109,8 +110,9 @@ static double rodas(const double *x, const double *u, const double *c, const dou
     return worst < INFINITY ? worst : lost(out);
 }
 
-/* The step in parts that keep the tolerance: halves of halves, at most HDA_MOST_PARTS of them, whose lengths go to `lengths`.
- * Returns their number. The error goes with the fourth power of a part, so a part is doubled where 16 times its error is fine. */
+/* The step in parts that keep the tolerance: halves of halves, at most HDA_MOST_PARTS of them, whose lengths go to
+ * `lengths`. Returns their number. The error goes with the fourth power of a part, so a part is doubled where 16 times
+ * its error is fine. */
 static int adapt(const double *x, const double *u, const double *c, double h, double *lengths, double *out) {
     double at[HDA_NX], next[HDA_NX], by_x[HDA_NX * HDA_NX];
     long part = 0, whole = 1; /* the step is divided into `whole` parts, `part` of which are done */
@@ -154,7 +156,8 @@ void hda_step(const double *x, const double *u, const double *c, const double *h
 }
 
 /* Central differences over the parts of the step itself, so that no change of parts disturbs them. */
-void hda_step_jacobian(const double *x, const double *u, const double *p, const double *h, double *next, double *by_x, double *by_u, double *by_p) {
+void hda_step_jacobian(const double *x, const double *u, const double *p, const double *h, double *next, double *by_x,
+                       double *by_u, double *by_p) {
     double c[HDA_NC], w[HDA_NX + HDA_NU + HDA_NP], high[HDA_NX], low[HDA_NX], lengths[HDA_MOST_PARTS];
     memcpy(w, x, HDA_NX * sizeof *w);
     memcpy(w + HDA_NX, u, HDA_NU * sizeof *w);
@@ -164,7 +167,9 @@ void hda_step_jacobian(const double *x, const double *u, const double *p, const 
     for (int j = 0; j < HDA_NX + HDA_NU + HDA_NP; j++) {
         const int parameter = j >= HDA_NX + HDA_NU;
         const double keep = w[j], d = 6e-6 * (fabs(keep) + width[j]);
-        double *column = j < HDA_NX ? by_x + j * HDA_NX : parameter ? by_p + (j - HDA_NX - HDA_NU) * HDA_NX : by_u + (j - HDA_NX) * HDA_NX;
+        double *column = j < HDA_NX  ? by_x + j * HDA_NX
+                         : parameter ? by_p + (j - HDA_NX - HDA_NU) * HDA_NX
+                                     : by_u + (j - HDA_NX) * HDA_NX;
         w[j] = keep + d;
         if (parameter) hda_prepare(w + HDA_NX + HDA_NU, c);
         follow(w, w + HDA_NX, c, lengths, count, high);

@@ -1,4 +1,5 @@
-/* Steps and rollouts: RK4 with smooth friction, and a step with set-valued friction that finds where a joint stops or gives way.
+/* Steps and rollouts: RK4 with smooth friction, and a step with set-valued friction that finds where a joint stops or
+ * gives way.
  *
  * Legend: x state, u input held over the step, c constants, h step, k slopes, s direction of sliding (-1, 0 stuck, 1).
  * Nothing here allocates; every loop is bounded.
@@ -35,12 +36,15 @@ static void rk4(const double *x, const double *u, const double *s, const double 
     }
 }
 
-void hda_step_sliding(const double *x, const double *u, const double *sliding, const double *c, double h, double *next) {
+void hda_step_sliding(const double *x, const double *u, const double *sliding, const double *c, double h,
+                      double *next) {
     rk4(x, u, sliding, c, h, next);
 }
 
 #if !HDA_STIFF
-void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) { rk4(x, u, NULL, c, *h, out); }
+void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) {
+    rk4(x, u, NULL, c, *h, out);
+}
 #endif
 
 #endif
@@ -50,10 +54,12 @@ void hda_step(const double *x, const double *u, const double *c, const double *h
 /* ---- the derivatives of the smooth step; with stiff memories both stand in hda_rodas.c ---- */
 
 /* D = ∂k/∂w by the chain through the stages: D = A (∂x/∂w + reach D before) + B, for each block of columns w. */
-static void chain(const double *A, const double *B, const double *before, double reach, int identity, int columns, double *D) {
+static void chain(const double *A, const double *B, const double *before, double reach, int identity, int columns,
+                  double *D) {
     for (int j = 0; j < columns; j++) {
         double moved[HDA_NX];
-        for (int i = 0; i < HDA_NX; i++) moved[i] = (before ? reach * before[j * HDA_NX + i] : 0.0) + (identity && i == j ? 1.0 : 0.0);
+        for (int i = 0; i < HDA_NX; i++)
+            moved[i] = (before ? reach * before[j * HDA_NX + i] : 0.0) + (identity && i == j ? 1.0 : 0.0);
         for (int i = 0; i < HDA_NX; i++) D[j * HDA_NX + i] = B ? B[j * HDA_NX + i] : 0.0;
         for (int m = 0; m < HDA_NX; m++) {
             for (int i = 0; i < HDA_NX; i++) D[j * HDA_NX + i] += A[m * HDA_NX + i] * moved[m];
@@ -61,7 +67,8 @@ static void chain(const double *A, const double *B, const double *before, double
     }
 }
 
-void hda_step_jacobian(const double *x, const double *u, const double *p, const double *h, double *next, double *by_x, double *by_u, double *by_p) {
+void hda_step_jacobian(const double *x, const double *u, const double *p, const double *h, double *next, double *by_x,
+                       double *by_u, double *by_p) {
     enum { WX = HDA_NX * HDA_NX, WU = HDA_NX * HDA_NU, WP = HDA_NX * HDA_NP, W = WX + WU + WP };
     double c[HDA_NC], J[W], slope[2][W], sum[W], y[HDA_NX], k[HDA_NX], x0[HDA_NX], total[HDA_NX];
     const double reach[4] = {0.0, 0.5 * *h, 0.5 * *h, *h}, weight[4] = {1.0, 2.0, 2.0, 1.0};
@@ -91,12 +98,14 @@ void hda_step_jacobian(const double *x, const double *u, const double *p, const 
 
 /* ---- set-valued friction ---- */
 
-/* What was decided for a joint within the step: 1 or -1 the direction in which it gave way, HELD until the end, OPEN. */
+/* What was decided for a joint within the step: 1 or -1 the direction in which it gave way, HELD until the end, OPEN.
+ */
 enum { OPEN = 0, HELD = 2, MOST_ROUNDS = 4 * HDA_N, MOST_EVENTS = 4 * HDA_N, MOST_TRIALS = 12 };
 
-/* The open joint at rest that is pushed furthest over what dry friction can hold, -1 if none; `push` is its direction then.
- * One whose load is not a number gives way too, so that it shows. */
-static int overloaded(const double *x, const double *u, const double *c, const int *decided, const double *s, double *push) {
+/* The open joint at rest that is pushed furthest over what dry friction can hold, -1 if none; `push` is its direction
+ * then. One whose load is not a number gives way too, so that it shows. */
+static int overloaded(const double *x, const double *u, const double *c, const int *decided, const double *s,
+                      double *push) {
     double hold[HDA_N], level[HDA_N], most = 0.0;
     int which = -1;
     hda_holding(x, u, s, c, hold, level);
@@ -147,8 +156,8 @@ static void choose(const double *x, const double *u, const double *c, const int 
     }
 }
 
-/* What each joint has left before it changes, below 0 when it is overdue: its speed along its direction; at rest what dry
- * friction can still hold, with the direction of the push. */
+/* What each joint has left before it changes, below 0 when it is overdue: its speed along its direction; at rest what
+ * dry friction can still hold, with the direction of the push. */
 static void margins(const double *x, const double *u, const double *c, const double *s, double *margin, int *push) {
     double hold[HDA_N] = {0}, level[HDA_N] = {0};
     int rests = 0;
@@ -160,9 +169,9 @@ static void margins(const double *x, const double *u, const double *c, const dou
     }
 }
 
-/* The joint that changes first within the step, -1 if none, and after which share of it, by straight lines; the share is -1 for
- * a joint that has just moved off and turned back, and for one that rests though it is overloaded: where friction is more the
- * way it is pushed than at rest it would be pulled back at once. */
+/* The joint that changes first within the step, -1 if none, and after which share of it, by straight lines; the share
+ * is -1 for a joint that has just moved off and turned back, and for one that rests though it is overloaded: where
+ * friction is more the way it is pushed than at rest it would be pulled back at once. */
 static int first_change(const double *before, const double *after, const double *s, const int *decided, double *share) {
     int which = -1;
     for (int j = 0; j < HDA_N; j++) {
@@ -177,9 +186,10 @@ static int first_change(const double *before, const double *after, const double 
     return which;
 }
 
-/* The share of h at which the margin of joint j is 0, to rounding, with the state there in `next`: regula falsi, and Illinois
- * halves the value at an end that stays. */
-static double locate(const double *x, const double *u, const double *c, const double *s, double h, int j, double from, double to, double share, double *next) {
+/* The share of h at which the margin of joint j is 0, to rounding, with the state there in `next`: regula falsi, and
+ * Illinois halves the value at an end that stays. */
+static double locate(const double *x, const double *u, const double *c, const double *s, double h, int j, double from,
+                     double to, double share, double *next) {
     double a = 0.0, b = 1.0, margin[HDA_N];
     int push[HDA_N], side = 0;
     for (int trial = 0;; trial++) {
@@ -258,7 +268,8 @@ void hda_step_exact(const double *x, const double *u, const double *c, const dou
 
 /* ---- rollouts: row k of u is held for dt[k]; x has a row more than u ---- */
 
-static void roll(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, int set_valued, double *x) {
+static void roll(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                 int set_valued, double *x) {
     memmove(x, x0, HDA_NX * sizeof *x);
     for (long k = 0; k < rows; k++) {
         const double *from = x + k * HDA_NX;
@@ -275,10 +286,12 @@ static void roll(const double *x0, const double *u, const double *c, const doubl
     }
 }
 
-void hda_rollout(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, double *x) {
+void hda_rollout(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                 double *x) {
     roll(x0, u, c, dt, rows, most, 0, x);
 }
 
-void hda_rollout_exact(const double *x0, const double *u, const double *c, const double *dt, long rows, double most, double *x) {
+void hda_rollout_exact(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                       double *x) {
     roll(x0, u, c, dt, rows, most, 1, x);
 }

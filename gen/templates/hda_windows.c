@@ -1,8 +1,9 @@
-/* Rollouts of windows that each begin anew, set-valued friction: one lane, or HDA_BATCH_WIDTH lanes in those of a vector.
+/* Rollouts of windows that each begin anew, set-valued friction: one lane, or HDA_BATCH_WIDTH lanes in those of a
+ * vector.
  *
- * A lane is a simulation of all windows. In vectors all lanes take the plain step, in which every motor slides as it began to, or
- * rests and dry friction holds it at the beginning and at the end; a lane of which a motor has given way, stopped or turned back
- * takes hda_step_exact instead; so do all where no more than a few are left.
+ * A lane is a simulation of all windows. In vectors all lanes take the plain step, in which every motor slides as it
+ * began to, or rests and dry friction holds it at the beginning and at the end; a lane of which a motor has given way,
+ * stopped or turned back takes hda_step_exact instead; so do all where no more than a few are left.
  */
 #include "hda.h"
 #include "hda_parts.h"
@@ -18,8 +19,9 @@ static int allowed(const double *x, const double *limit) {
     return 1;
 }
 
-void hda_rollout_windows(const double *begun, const double *memory, const int *edges, long windows, const double *u, const double *c,
-                         const double *dt, double most, const double *jump, const double *limit, double *x) {
+void hda_rollout_windows(const double *begun, const double *memory, const int *edges, long windows, const double *u,
+                         const double *c, const double *dt, double most, const double *jump, const double *limit,
+                         double *x) {
     double now[HDA_NX] = {0.0}, path[2 * HDA_NX];
     for (long w = 0; w < windows; w++) {
         if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
@@ -52,7 +54,8 @@ static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direc
 
 /* Of each lane what it reads and writes; those from `count` on have no work and read what the last one reads. */
 typedef struct {
-    const double *begun[HDA_BATCH_WIDTH], *memory[HDA_BATCH_WIDTH], *u[HDA_BATCH_WIDTH], *c[HDA_BATCH_WIDTH], *jump[HDA_BATCH_WIDTH];
+    const double *begun[HDA_BATCH_WIDTH], *memory[HDA_BATCH_WIDTH], *u[HDA_BATCH_WIDTH], *c[HDA_BATCH_WIDTH],
+        *jump[HDA_BATCH_WIDTH];
     double *x[HDA_BATCH_WIDTH];
     int count;
 } lanes;
@@ -71,7 +74,8 @@ static void single(const hda_batch *from, int lane, const double *u, const doubl
 }
 
 /* Lanes in which dry friction holds every motor that rests, s being 0. */
-static __attribute__((noinline)) void held(const hda_batch *x, const hda_batch *u, const hda_batch *s, const hda_batch *c, hda_batch_bits *all) {
+static __attribute__((noinline)) void held(const hda_batch *x, const hda_batch *u, const hda_batch *s,
+                                           const hda_batch *c, hda_batch_bits *all) {
     hda_batch hold[HDA_N], level[HDA_N], size;
     batch_holding(x, u, s, c, hold, level);
     for (int j = 0; j < HDA_N; j++) {
@@ -81,7 +85,8 @@ static __attribute__((noinline)) void held(const hda_batch *x, const hda_batch *
 }
 
 /* The set-valued step of all lanes; what becomes of those that are not `good` does not matter. */
-static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h, const hda_batch_bits *good, hda_batch *x) {
+static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h, const hda_batch_bits *good,
+                 hda_batch *x) {
     hda_batch from[HDA_NX], s[HDA_N];
     hda_batch_bits plain = *good, rests = {0};
     int many = 0, resting = 0;
@@ -111,8 +116,10 @@ static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c
     }
 }
 
-/* Row k: `now` becomes x, is stored and moved to the next row; lanes that would leave the limit are good no more and stay. */
-static void advance(lanes *of, long k, const hda_batch *c, double dt, double most, const double *limit, hda_batch_bits *good, hda_batch *now) {
+/* Row k: `now` becomes x, is stored and moved to the next row; lanes that would leave the limit are good no more and
+ * stay. */
+static void advance(lanes *of, long k, const hda_batch *c, double dt, double most, const double *limit,
+                    hda_batch_bits *good, hda_batch *now) {
     const long parts = hda_parts(dt, most);
     hda_batch u[HDA_NU], x[HDA_NX], size;
     hda_batch_bits within = *good;
@@ -162,9 +169,9 @@ static void group(lanes *of, const int *edges, long windows, const double *dt, d
 
 #endif
 
-void hda_rollout_windows_batch(const double *begun, const double *memory, const int *edges, long windows, const double *u,
-                               const double *c, const double *dt, long rows, double most, const double *jump, const double *limit,
-                               long count, double *x) {
+void hda_rollout_windows_batch(const double *begun, const double *memory, const int *edges, long windows,
+                               const double *u, const double *c, const double *dt, long rows, double most,
+                               const double *jump, const double *limit, long count, double *x) {
     const long mechanical = windows * HDA_MECHANICAL, own = windows * OWN, size = inside(edges, windows) * HDA_NX;
     long first = 0;
 #if HDA_LANES && !HDA_STIFF
@@ -185,7 +192,8 @@ void hda_rollout_windows_batch(const double *begun, const double *memory, const 
     }
 #endif
     for (; first < count; first++) {
-        hda_rollout_windows(begun + first * mechanical, memory ? memory + first * own : NULL, edges, windows, u + first * rows * HDA_NU, c + first * HDA_NC, dt, most,
+        hda_rollout_windows(begun + first * mechanical, memory ? memory + first * own : NULL, edges, windows,
+                            u + first * rows * HDA_NU, c + first * HDA_NC, dt, most,
                             jump ? jump + first * rows * HDA_NX : NULL, limit, x + first * size);
     }
 }

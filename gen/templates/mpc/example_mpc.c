@@ -1,5 +1,5 @@
-/* The predictive controller holds the arm where it is while something pushes its tip. mpc_settings.h is what `hdagen mpc header` prints;
- * compile with every hda_*.c but hda_python.c. */
+/* The predictive controller holds the arm where it is while something pushes its tip. mpc_settings.h is what `hdagen
+ * mpc header` prints; compile with every hda_*.c but hda_python.c. */
 #include "hda_mpc.h"
 
 #include <stdio.h>
@@ -11,7 +11,8 @@ static hda_mpc controller; /* zeros; all of the controller's memory */
 
 static hda_guard_config guard(void) {
     hda_guard_config c = {0};
-    double *const joints[] = {c.torque_limit, c.torque_rate, c.motor_jump, c.joint_jump, c.safe_damping, c.safe_stiffness};
+    double *const joints[] = {c.torque_limit, c.torque_rate,  c.motor_jump,
+                              c.joint_jump,   c.safe_damping, c.safe_stiffness};
     c.version = HDA_GUARD_VERSION;
     c.size = sizeof c;
     c.joints = HDA_N;
@@ -27,7 +28,8 @@ int main(void) {
     static const double p[HDA_NP] = HDA_NOMINAL;
     hda_mpc_settings settings;
     hda_measurement m = {0};
-    double c[HDA_NC], x[HDA_NX] = {0}, next[HDA_NX], u[HDA_NU] = {0}, torque[HDA_N], still[HDA_N] = {0}, path[HDA_MPC_PATH] = {0};
+    double c[HDA_NC], x[HDA_NX] = {0}, next[HDA_NX], u[HDA_NU] = {0}, torque[HDA_N], still[HDA_N] = {0},
+                      path[HDA_MPC_PATH] = {0};
     double points[2 * (HDA_N + 1)];
     const hda_guard_config config = guard();
     const double h = HDA_STEP;

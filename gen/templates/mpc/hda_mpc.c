@@ -1,4 +1,5 @@
-/* The tick: guard, estimator, target, solver, guard; the part that needs no measurement goes before it. No allocation, no lock, no unbounded loop. */
+/* The tick: guard, estimator, target, solver, guard; the part that needs no measurement goes before it. No allocation,
+ * no lock, no unbounded loop. */
 #include "hda_mpc.h"
 
 #include <math.h>
@@ -8,12 +9,14 @@
 
 enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, AXES = HDA_MPC_AXES };
 
-static const int state_index[] = HDA_MPC_INDEX, memory_index[] = HDA_MPC_MEMORY, places[] = HDA_MPC_PLACES, speeds[] = HDA_MPC_SPEEDS, links[] = HDA_MPC_LINKS;
+static const int state_index[] = HDA_MPC_INDEX, memory_index[] = HDA_MPC_MEMORY, places[] = HDA_MPC_PLACES,
+                 speeds[] = HDA_MPC_SPEEDS, links[] = HDA_MPC_LINKS;
 static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
 
-#define SETTLED 1e-10 /* change of a torque, as a share of the largest: the sequence of quadratic problems has converged */
+/* Change of a torque, as a share of the largest: the sequence of quadratic problems has converged. */
+#define SETTLED 1e-10
 #define ROUNDED 1e-9 /* of a limit */
-#define FAR 1e4 /* of a trajectory, in the solver's units: beyond it the plan is given up */
+#define FAR 1e4      /* of a trajectory, in the solver's units: beyond it the plan is given up */
 
 static void scaled(const double *x, double *z) {
     for (int i = 0; i < NX; i++) z[i] = x[state_index[i]] / scale[i];
@@ -73,19 +76,25 @@ static int old(const hda_mpc *k, double now, const hda_measurement *m) {
     return !(age + k->settings.delay < HDA_MPC_LATEST + 0.5 && age > -0.5);
 }
 
-/* The estimate at the time of the measurement, then at the tick. A measurement that was seen before says nothing new. */
+/* The estimate at the time of the measurement, then at the tick. A measurement that was seen before says nothing new.
+ */
 static void see(hda_mpc *k, double now, const hda_measurement *m) {
     double acted[HDA_MPC_LATEST][NU]; /* before the measurement, the last first */
-    const int late = periods(k, now - m->stamp) + (int)k->settings.delay, delay = late < HDA_MPC_LATEST ? late : HDA_MPC_LATEST;
+    const int late = periods(k, now - m->stamp) + (int)k->settings.delay,
+              delay = late < HDA_MPC_LATEST ? late : HDA_MPC_LATEST;
     const int passed = periods(k, m->stamp - k->seen);
     const double period = k->guard.config.period, *s = k->estimator.s;
     memcpy(acted, k->sent[delay], sizeof acted);
     if (k->settings.by_current > 0.0) memcpy(acted[0], m->motor_torque, sizeof acted[0]);
-    if (passed > 0) hda_mpc_estimate(&k->estimator, m, (const double(*)[NU])acted, passed, k->c, &k->settings.noise, period, k->settings.by_sensor > 0.0);
+    if (passed > 0)
+        hda_mpc_estimate(&k->estimator, m, (const double (*)[NU])acted, passed, k->c, &k->settings.noise, period,
+                         k->settings.by_sensor > 0.0);
     if (passed > 0) k->seen = m->stamp;
     memcpy(k->report.x, s, sizeof k->report.x);
-    memcpy(k->report.tip_force, k->settings.by_sensor > 0.0 ? m->tip_force : s + HDA_NX + NU, sizeof k->report.tip_force);
-    for (int d = delay - 1; d >= 0; d--) hda_mpc_foresee(k->c, k->sent[d], s + HDA_NX, k->report.tip_force, period, k->report.x);
+    memcpy(k->report.tip_force, k->settings.by_sensor > 0.0 ? m->tip_force : s + HDA_NX + NU,
+           sizeof k->report.tip_force);
+    for (int d = delay - 1; d >= 0; d--)
+        hda_mpc_foresee(k->c, k->sent[d], s + HDA_NX, k->report.tip_force, period, k->report.x);
 }
 
 static void linearise(hda_mpc *k) {
@@ -127,7 +136,8 @@ static int solve(hda_mpc *k, int *second) {
 /* Impedance with damping about the place where it began, at the motors. */
 static void impede(hda_mpc *k, double *raw) {
     const double *s = k->estimator.s, *stiffness = k->settings.hold_stiffness, *damping = k->settings.hold_damping;
-    for (int j = 0; j < NU; j++) raw[j] = k->hold[j] + stiffness[j] * (k->anchor[j] - s[places[j]]) - damping[j] * s[speeds[j]];
+    for (int j = 0; j < NU; j++)
+        raw[j] = k->hold[j] + stiffness[j] * (k->anchor[j] - s[places[j]]) - damping[j] * s[speeds[j]];
 }
 
 /* Moves the trajectory by the solution; the largest change of a torque, as a share of the motor's largest. */
@@ -143,11 +153,13 @@ static double take(hda_mpc *k) {
     return most;
 }
 
-/* A torque that is beyond a hard limit by what is rounded, in the plan or in the clock, is at it: the guard has nothing to say of that. */
+/* A torque that is beyond a hard limit by what is rounded, in the plan or in the clock, is at it: the guard has nothing
+ * to say of that. */
 static void at_limits(const hda_mpc *k, double *raw) {
     const hda_guard *g = &k->guard;
     for (int j = 0; j < NU; j++) {
-        const double step = g->config.torque_rate[j] * g->elapsed, most = g->config.torque_limit[j], slight = ROUNDED * (step < most ? step : most);
+        const double step = g->config.torque_rate[j] * g->elapsed, most = g->config.torque_limit[j],
+                     slight = ROUNDED * (step < most ? step : most);
         const double limited = hda_limit(raw[j], g->sent[j], most, step), off = raw[j] - limited;
         if (off < slight && off > -slight) raw[j] = limited;
     }
@@ -170,10 +182,13 @@ static int step(hda_mpc *k, double now, const hda_measurement *m, const double *
         k->rung = HDA_MPC_ON_PLAN;
     } else {
         k->failures++;
-        k->rung = k->failures <= HDA_MPC_SHIFTS ? HDA_MPC_ON_SHIFTED : k->failures < HDA_MPC_FAILURES ? HDA_MPC_ON_IMPEDANCE : HDA_MPC_ON_RAMP;
+        k->rung = k->failures <= HDA_MPC_SHIFTS    ? HDA_MPC_ON_SHIFTED
+                  : k->failures < HDA_MPC_FAILURES ? HDA_MPC_ON_IMPEDANCE
+                                                   : HDA_MPC_ON_RAMP;
         memset(k->solution.dual, 0, sizeof k->solution.dual);
     }
-    for (int j = 0; j < NU; j++) raw[j] = k->rung == HDA_MPC_ON_RAMP ? NAN : full[j] * k->T[j]; /* the guard latches what is not a number */
+    /* the guard latches what is not a number */
+    for (int j = 0; j < NU; j++) raw[j] = k->rung == HDA_MPC_ON_RAMP ? NAN : full[j] * k->T[j];
     if (k->rung == HDA_MPC_ON_IMPEDANCE) impede(k, raw);
     at_limits(k, raw);
     return k->rung == HDA_MPC_ON_RAMP        ? HDA_MPC_FAILED

@@ -1,8 +1,10 @@
-/* The active set: rows at a bound enter by an augmented Lagrangian, so that a set may be degenerate, and rows beyond a soft bound by their
- * penalty. The set is corrected by the signs and sizes of multipliers until it stands (a semi-smooth Newton method).
+/* The active set: rows at a bound enter by an augmented Lagrangian, so that a set may be degenerate, and rows beyond a
+ * soft bound by their penalty. The set is corrected by the signs and sizes of multipliers until it stands (a
+ * semi-smooth Newton method).
  *
- * Legend: y multiplier, positive where high holds. A soft row at its bound has y up to `linear`; beyond it y = linear + square * violation.
- * Sources: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13 (2002) 865; Ito, Kunisch, Lagrange Multiplier Approach (2008), for the penalty. */
+ * Legend: y multiplier, positive where high holds. A soft row at its bound has y up to `linear`; beyond it y = linear +
+ * square * violation. Sources: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13 (2002) 865; Ito, Kunisch, Lagrange
+ * Multiplier Approach (2008), for the penalty. */
 #include "hda_mpc_solver.h"
 
 #include <math.h>
@@ -16,13 +18,17 @@ enum { N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, ALL = N * ROWS };
 #define NEAR 1e-8      /* gap of the interior point at which the active set takes over */
 #define NEARER 1e-10   /* the same once more, where the set did not stand */
 #define NEAREST 1e-13  /* and for the last time */
-#define RESTLESS 15    /* rows that came or went in the last solution: with more, its set is no guess for the next one */
-#define SLIGHT 1e-9    /* of multipliers, and of values of a row of length 1, that decide on the set */
-#define NOTHING 1e-12  /* of a multiplier: less says nothing of the set */
+#define RESTLESS 15   /* rows that came or went in the last solution: with more, its set is no guess for the next one */
+#define SLIGHT 1e-9   /* of multipliers, and of values of a row of length 1, that decide on the set */
+#define NOTHING 1e-12 /* of a multiplier: less says nothing of the set */
 
-static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double larger(double a, double b) {
+    return a > b ? a : b;
+}
 
-static inline double size(double a) { return a < 0.0 ? -a : a; }
+static inline double size(double a) {
+    return a < 0.0 ? -a : a;
+}
 
 typedef double wide __attribute__((vector_size(64), aligned(8), may_alias));
 typedef long long bits __attribute__((vector_size(64)));
@@ -44,7 +50,8 @@ static int within(const double *a, int count, double least, double most) {
 int hda_mpc_legal(const hda_mpc_qp *qp) {
     const int matrices = (int)(qp->low - qp->first);
     bits crossed = {0};
-    int bad = !within(qp->first, matrices, -HDA_MPC_LARGEST, HDA_MPC_LARGEST) || !within(qp->low, ALL, -1e100, HDA_MPC_FREE) || !within(qp->high, ALL, -HDA_MPC_FREE, 1e100);
+    int bad = !within(qp->first, matrices, -HDA_MPC_LARGEST, HDA_MPC_LARGEST) ||
+              !within(qp->low, ALL, -1e100, HDA_MPC_FREE) || !within(qp->high, ALL, -HDA_MPC_FREE, 1e100);
     bad = bad || !within(qp->linear, ALL, 0.0, 1e100) || !within(qp->square, ALL, 0.0, HDA_MPC_LARGEST);
     bad = bad || !within(qp->R, N * HDA_N, 0.0, HDA_MPC_LARGEST) || !within(qp->D, N * HDA_N, 0.0, HDA_MPC_LARGEST);
     for (int k = 0; k < N; k++)
@@ -96,8 +103,10 @@ static void slopes(const hda_mpc_qp *qp, hda_mpc_work *w) {
         const int code = w->set[e];
         const double bound = code > 0 ? qp->high[e] : qp->low[e];
         double s = 0.0;
-        if (code == 1 || code == -1) s = w->now.y[e] - w->stiff[e] * bound;
-        else if (code) s = (code > 0 ? qp->linear[e] : -qp->linear[e]) - qp->square[e] * bound;
+        if (code == 1 || code == -1)
+            s = w->now.y[e] - w->stiff[e] * bound;
+        else if (code)
+            s = (code > 0 ? qp->linear[e] : -qp->linear[e]) - qp->square[e] * bound;
         w->slope[e] = s;
     }
 }
@@ -128,24 +137,31 @@ static int correct(const hda_mpc_qp *qp, hda_mpc_work *w) {
         const double most = qp->linear[e], slight = SLIGHT * w->length[e];
         int next = code;
         if (code == 0) {
-            if (r > qp->high[e] + slight) next = 1;
-            else if (r < qp->low[e] - slight) next = -1;
+            if (r > qp->high[e] + slight)
+                next = 1;
+            else if (r < qp->low[e] - slight)
+                next = -1;
         } else if (code == side) {
-            if (y < -SLIGHT) next = 0;
-            else if (y > most * (1.0 + SLIGHT) + SLIGHT) next = 2 * side;
+            if (y < -SLIGHT)
+                next = 0;
+            else if (y > most * (1.0 + SLIGHT) + SLIGHT)
+                next = 2 * side;
         } else if (side * (r - (side > 0 ? qp->high[e] : qp->low[e])) < -slight) {
             next = side;
         }
         if (next == code) continue;
         changes++;
         w->set[e] = next;
-        if (next == 0) w->now.y[e] = 0.0;
-        else if (next != 2 * side) w->now.y[e] = code ? side * most : 0.0;
+        if (next == 0)
+            w->now.y[e] = 0.0;
+        else if (next != 2 * side)
+            w->now.y[e] = code ? side * most : 0.0;
     }
     return changes;
 }
 
-/* 1: the set stands and its solution is exact; 0: it does not come to rest; -1: a factorisation failed. ready: the first one is done. */
+/* 1: the set stands and its solution is exact; 0: it does not come to rest; -1: a factorisation failed. ready: the
+ * first one is done. */
 static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, int *factored) {
     int before = ALL;
     for (int round = 0; round < rounds; round++) {
@@ -164,7 +180,8 @@ static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, 
             if (!changes && gap < FEASIBLE) return 1;
         }
         if (changes > before) return 0; /* it swings */
-        if (changes) before = changes;
+        if (changes)
+            before = changes;
         else
             for (int e = 0; e < ALL; e++) w->stiff[e] *= STIFFER; /* the set stands, but its multipliers come slowly */
     }
@@ -184,7 +201,9 @@ static int apart(const double *before, const double *now) {
 /* Hands a solution out if every number of it is one; the torques are cut to what is legal. */
 static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored, int inside, int exact) {
     double worst = 0.0, active = 0.0;
-    if (!within(w->now.T, N * HDA_N, -1e100, 1e100) || !within(w->now.x, N * HDA_MPC_NX, -1e100, 1e100) || !within(w->now.y, N * ROWS, -1e100, 1e100)) return HDA_MPC_BROKEN;
+    if (!within(w->now.T, N * HDA_N, -1e100, 1e100) || !within(w->now.x, N * HDA_MPC_NX, -1e100, 1e100) ||
+        !within(w->now.y, N * ROWS, -1e100, 1e100))
+        return HDA_MPC_BROKEN;
     for (int e = 0; e < ALL; e++) {
         const double r = w->now.rows[e];
         if (qp->linear[e] >= HDA_MPC_FREE) worst = larger(worst, larger(r - qp->high[e], qp->low[e] - r));
@@ -198,7 +217,8 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
             if (before + qp->low[k * ROWS + HDA_N + j] > low) low = before + qp->low[k * ROWS + HDA_N + j];
             if (T > high) T = high;
             if (T < low) T = low;
-            if (T > qp->high[k * ROWS + j]) T = qp->high[k * ROWS + j]; /* where both cannot hold, the torque's own bound does */
+            /* where both cannot hold, the torque's own bound does */
+            if (T > qp->high[k * ROWS + j]) T = qp->high[k * ROWS + j];
             if (T < qp->low[k * ROWS + j]) T = qp->low[k * ROWS + j];
             s->T[k * HDA_N + j] = T;
         }
@@ -212,7 +232,8 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
     return exact ? HDA_MPC_SOLVED : HDA_MPC_CAPPED;
 }
 
-/* The interior point comes near; then the active set takes over, exact where its set stands; where it does not, from nearer still. */
+/* The interior point comes near; then the active set takes over, exact where its set stands; where it does not, from
+ * nearer still. */
 static int inside(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored) {
     static const double gaps[] = {NEAR, NEARER, NEAREST};
     int near = 1;
@@ -220,7 +241,8 @@ static int inside(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, in
         near = hda_mpc_approach(qp, w, gaps[again]);
         w->kept = w->now;
         guess(qp, w);
-        if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1) return hand(qp, s, w, factored + w->rounds, w->rounds, 1);
+        if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1)
+            return hand(qp, s, w, factored + w->rounds, w->rounds, 1);
         w->now = w->kept;
         stiffen(qp, w);
     }
@@ -236,8 +258,8 @@ int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w)
     return status == HDA_MPC_SOLVED || hda_mpc_enter(qp, w, 1) ? status : inside(qp, s, w, HDA_MPC_INTERIOR);
 }
 
-/* What does not depend on the measurement: 1 where the set from the solution's multipliers is ready with its factors, 2 where the set changes too
- * fast for that, 0 where it failed. */
+/* What does not depend on the measurement: 1 where the set from the solution's multipliers is ready with its factors, 2
+ * where the set changes too fast for that, 0 where it failed. */
 static int expect(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
     hda_mpc_turn(qp, &w->f);
     stiffen(qp, w);

@@ -25,7 +25,9 @@ static int not_negative(const double *a, int count) {
 static int limits(const hda_mpc_settings *s) {
     for (int j = 0; j < NU; j++)
         if (!(s->position_low[j] < s->position_high[j])) return HDA_MPC_LIMIT;
-    if (!positive(s->motor_speed, NU) || !positive(s->joint_torque, NU) || !(s->tip_speed > 0.0) || !(s->margin >= 0.0 && s->margin < 0.5)) return HDA_MPC_LIMIT;
+    if (!positive(s->motor_speed, NU) || !positive(s->joint_torque, NU) || !(s->tip_speed > 0.0) ||
+        !(s->margin >= 0.0 && s->margin < 0.5))
+        return HDA_MPC_LIMIT;
     for (int w = 0; w < HDA_MPC_WALLS; w++) {
         const double length = hda_length(s->walls[3 * w], s->walls[3 * w + 1]);
         if (!(length > 1.0 - 1e-9 && length < 1.0 + 1e-9)) return HDA_MPC_WALL;
@@ -35,22 +37,30 @@ static int limits(const hda_mpc_settings *s) {
 }
 
 static int wrong(const hda_mpc_settings *s, double period) {
-    const double weights[] = {s->weight_position, s->weight_velocity, s->weight_posture, s->weight_torque, s->weight_rate, s->penalty_linear, s->penalty_square, s->decay};
+    const double weights[] = {s->weight_position, s->weight_velocity, s->weight_posture, s->weight_torque,
+                              s->weight_rate,     s->penalty_linear,  s->penalty_square, s->decay};
     if (hda_not_finite((const double *)s, REALS)) return HDA_MPC_NUMBER;
     for (int node = 0; node < N; node++)
         if (!(s->grid[node] >= period * (1.0 - 1e-9) && s->grid[node] <= LONGEST_NODE)) return HDA_MPC_GRID;
-    if (!not_negative(weights, (int)(sizeof weights / sizeof *weights)) || !(s->weight_position + s->weight_velocity > 0.0) || !(s->weight_torque + s->weight_rate > 0.0) || !(s->terminal >= 0.0))
+    if (!not_negative(weights, (int)(sizeof weights / sizeof *weights)) ||
+        !(s->weight_position + s->weight_velocity > 0.0) || !(s->weight_torque + s->weight_rate > 0.0) ||
+        !(s->terminal >= 0.0))
         return HDA_MPC_WEIGHT;
-    if (!positive(s->mass, AXES) || !not_negative(s->damping, AXES) || !not_negative(s->stiffness, AXES)) return HDA_MPC_ADMITTANCE;
-    if (!positive(s->smoothing, NU) || !not_negative(s->hold_stiffness, NU) || !not_negative(s->hold_damping, NU)) return HDA_MPC_LIMIT;
+    if (!positive(s->mass, AXES) || !not_negative(s->damping, AXES) || !not_negative(s->stiffness, AXES))
+        return HDA_MPC_ADMITTANCE;
+    if (!positive(s->smoothing, NU) || !not_negative(s->hold_stiffness, NU) || !not_negative(s->hold_damping, NU))
+        return HDA_MPC_LIMIT;
     if (!positive((const double *)&s->noise, sizeof s->noise / sizeof(double))) return HDA_MPC_NOISE;
     if (!(s->steps >= 1.0 && s->steps <= 100.0 && s->steps == (double)(int)s->steps)) return HDA_MPC_LATE;
     if (!(s->delay >= 0.0 && s->delay <= HDA_MPC_LATEST && s->delay == (double)(int)s->delay)) return HDA_MPC_LATE;
-    if (!(s->backend == 0.0 || s->backend == 1.0 || s->backend == 2.0) || !(s->tolerance > 0.0) || !(s->iterations >= 1.0 && s->iterations <= 1e6)) return HDA_MPC_NUMBER;
+    if (!(s->backend == 0.0 || s->backend == 1.0 || s->backend == 2.0) || !(s->tolerance > 0.0) ||
+        !(s->iterations >= 1.0 && s->iterations <= 1e6))
+        return HDA_MPC_NUMBER;
     return limits(s);
 }
 
-HDA_APART static int configure(hda_mpc *k, const double *p, const hda_mpc_settings *settings, const hda_guard_config *config) {
+HDA_APART static int configure(hda_mpc *k, const double *p, const hda_mpc_settings *settings,
+                               const hda_guard_config *config) {
     if (!k || !p || !settings || !config) return HDA_MPC_CALL;
     if (hda_not_finite(p, HDA_NP)) return HDA_MPC_PARAMETER;
     const int refused = wrong(settings, config->period);

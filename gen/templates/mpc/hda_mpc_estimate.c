@@ -1,9 +1,10 @@
 /* The extended Kalman filter: mean by the model's own step, covariance by its Jacobians.
  *
- * Legend: s = (x, d, F): state, disturbance torque at the motors, force on the tip, the last two as walks; E how many; P covariance; A Jacobian of a
- * step; h period. Readings: both encoders of a flexible joint, the joint's of a rigid one, taken one by one (they are independent). The difference
- * of the two encoders is the torsion, and with it the joint torque without a sensor (the paper's (14)): the same torque, from `torque_estimate`, is
- * what the momentum observer takes as measured.
+ * Legend: s = (x, d, F): state, disturbance torque at the motors, force on the tip, the last two as walks; E how many;
+ * P covariance; A Jacobian of a step; h period. Readings: both encoders of a flexible joint, the joint's of a rigid
+ * one, taken one by one (they are independent). The difference of the two encoders is the torsion, and with it the
+ * joint torque without a sensor (the paper's (14)): the same torque, from `torque_estimate`, is what the momentum
+ * observer takes as measured.
  *
  * Momentum observer: p = M v obeys p' = tau + C'v - g + J'F; outside = L (p - integral of (tau + C'v - g + outside)).
  * Sources: Simon, Optimal State Estimation (2006), 13.2; De Luca, Albu-Schaeffer, Haddadin, Hirzinger, IROS 2006. */
@@ -17,9 +18,12 @@
 enum { E = HDA_MPC_SEEN, NX = HDA_NX, NU = HDA_N, AT_FORCE = NX + NU };
 
 /* entries of x: positions and speeds of motors (of the joint where rigid) and joints */
-static const int places[] = HDA_MPC_PLACES, speeds[] = HDA_MPC_SPEEDS, links[] = HDA_MPC_LINKS, turns[] = HDA_MPC_TURNS, flexible[] = HDA_MPC_IS_FLEXIBLE;
+static const int places[] = HDA_MPC_PLACES, speeds[] = HDA_MPC_SPEEDS, links[] = HDA_MPC_LINKS, turns[] = HDA_MPC_TURNS,
+                 flexible[] = HDA_MPC_IS_FLEXIBLE;
 
-static double square(double a) { return a * a; }
+static double square(double a) {
+    return a * a;
+}
 
 static void inputs(const double *c, const double *torque, const double *disturbance, const double *force, double *u) {
     double constant[NU];
@@ -29,7 +33,8 @@ static void inputs(const double *c, const double *torque, const double *disturba
     u[NU + 1] = force[1];
 }
 
-void hda_mpc_foresee(const double *c, const double *torque, const double *disturbance, const double *force, double time, double *x) {
+void hda_mpc_foresee(const double *c, const double *torque, const double *disturbance, const double *force, double time,
+                     double *x) {
     double u[HDA_NU], next[NX];
     const int parts = (int)(time / HDA_STEP + 0.999999);
     const double h = time / (parts > 0 ? parts : 1);
@@ -45,7 +50,8 @@ void hda_mpc_ratios(const double *c, double *ratio) {
     mpc_gear(c, ratio, damping);
 }
 
-void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, const double *c, const hda_mpc_noise *noise) {
+void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, const double *c,
+                            const hda_mpc_noise *noise) {
     memset(e, 0, sizeof *e);
     mpc_gear(c, e->ratio, e->damping);
     for (int j = 0; j < NU; j++) {
@@ -77,7 +83,9 @@ static void transition(const hda_mpc_estimator *e, const double *torque, const d
     for (int i = 0; i < E; i++) A[i * (E + 1)] = 1.0;
     for (int j = 0; j < E; j++)
         for (int i = 0; i < NX; i++)
-            term[j * NX + i] = h * (j < NX ? by_x[j * NX + i] : j < AT_FORCE ? by_u[(j - NX) * NX + i] / constant[j - NX] : by_u[(j - NX) * NX + i]);
+            term[j * NX + i] = h * (j < NX         ? by_x[j * NX + i]
+                                    : j < AT_FORCE ? by_u[(j - NX) * NX + i] / constant[j - NX]
+                                                   : by_u[(j - NX) * NX + i]);
     for (int order = 2; order <= 4; order++) {
         for (int j = 0; j < E; j++) {
             for (int i = 0; i < NX; i++) A[j * E + i] += term[j * NX + i];
@@ -124,7 +132,8 @@ static void take(hda_mpc_estimator *e, int at, double reading, double deviation)
         for (int i = 0; i < E; i++) e->P[j * E + i] -= column[i] * column[j] / spread;
 }
 
-static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double *torque, const double *c, const hda_mpc_noise *noise, double h) {
+static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double *torque, const double *c,
+                    const hda_mpc_noise *noise, double h) {
     double M[NU * NU], C[NU * NU], g[NU], series[NU], other[NU], dynamic[NU], motor[NU], still[NU] = {0};
     const double share = 1.0 - 1.0 / (1.0 + 4.0 * noise->observer * h);
     for (int j = 0; j < NU; j++) {
@@ -140,7 +149,8 @@ static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double
     hda_gravity_torque(m->joint_position, c, g);
     hda_torque_estimate(motor, m->joint_position, still, still, torque, c, series, other, dynamic);
     for (int j = 0; j < NU; j++) {
-        double momentum = 0.0, pushed = flexible[j] ? series[j] + e->damping[j] * e->twisting[j] : torque[j] * e->ratio[j];
+        double momentum = 0.0,
+               pushed = flexible[j] ? series[j] + e->damping[j] * e->twisting[j] : torque[j] * e->ratio[j];
         for (int i = 0; i < NU; i++) {
             momentum += M[i * NU + j] * e->speed[i];
             pushed += C[j * NU + i] * e->speed[i];
@@ -152,8 +162,8 @@ static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double
     e->known = 1.0;
 }
 
-void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double (*torque)[HDA_N], int periods, const double *c, const hda_mpc_noise *noise,
-                      double period, int by_sensor) {
+void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double (*torque)[HDA_N], int periods,
+                      const double *c, const hda_mpc_noise *noise, double period, int by_sensor) {
     for (int ago = periods - 1; ago >= 0; ago--) predict(e, torque[ago], c, noise, period);
     e->innovation = 0.0;
     for (int j = 0; j < NU; j++) {

@@ -1,9 +1,9 @@
 /* The interior point: Mehrotra's predictor and corrector on all rows, soft ones with their slack eliminated.
  *
- * Legend, for one side of a row with value r (low: all signs turned): r - slack s + t = bound, t with multiplier l, s with multiplier
- * v = linear + square s - l; every one positive. W = 1/(t/l + D), D = s/(v + square s) (0 where hard), is what the row weighs in Riccati's
- * recursion. over, open: residuals of the row and of v; give: W/l; product: l t less its target.
- * Sources: Mehrotra, SIAM J. Optim. 2 (1992) 575; Rao, Wright, Rawlings (1998). */
+ * Legend, for one side of a row with value r (low: all signs turned): r - slack s + t = bound, t with multiplier l, s
+ * with multiplier v = linear + square s - l; every one positive. W = 1/(t/l + D), D = s/(v + square s) (0 where hard),
+ * is what the row weighs in Riccati's recursion. over, open: residuals of the row and of v; give: W/l; product: l t
+ * less its target. Sources: Mehrotra, SIAM J. Optim. 2 (1992) 575; Rao, Wright, Rawlings (1998). */
 #include "hda_mpc_solver.h"
 
 #include <math.h>
@@ -12,15 +12,16 @@
 enum { N = HDA_MPC_N, ALL = HDA_MPC_ALL, BLOCKS = HDA_MPC_BLOCKS };
 
 #define CLOSE 1e-9
-#define GAP 0.3        /* product of every pair to begin with */
-#define ASTRAY 10.0    /* residual beyond which the products begin as large as it: smaller ones would let no step do anything about it */
-#define WIDE 1e3       /* the largest of them, and where such a start failed: far from every bound */
-#define TELLING 0.5    /* a step longer than this tells which rows stand at their bound */
-#define JAMMED 0.1     /* a step shorter than this goes nowhere */
-#define JAMS 3         /* of them in a row are the end, where another start is left */
-#define STALLED 1e-9   /* gap below which no progress is an end */
+#define GAP 0.3 /* product of every pair to begin with */
+/* Residual beyond which the products begin as large as it: smaller ones would let no step do anything about it. */
+#define ASTRAY 10.0
+#define WIDE 1e3     /* the largest of them, and where such a start failed: far from every bound */
+#define TELLING 0.5  /* a step longer than this tells which rows stand at their bound */
+#define JAMMED 0.1   /* a step shorter than this goes nowhere */
+#define JAMS 3       /* of them in a row are the end, where another start is left */
+#define STALLED 1e-9 /* gap below which no progress is an end */
 #define BOUNDARY 0.995
-#define TINY 1e-36     /* of a product: its reciprocal is a float */
+#define TINY 1e-36 /* of a product: its reciprocal is a float */
 
 typedef double W __attribute__((vector_size(64)));
 typedef long long B __attribute__((vector_size(64)));
@@ -33,7 +34,9 @@ typedef float F __attribute__((vector_size(32)));
 
 static const W zero = {0};
 
-static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double larger(double a, double b) {
+    return a > b ? a : b;
+}
 
 static inline double most_of(const W *a) {
     double most = (*a)[0];
@@ -41,11 +44,13 @@ static inline double most_of(const W *a) {
     return most;
 }
 
-/* One side of one row, in the middle: both of its products are `gap`, its distance and its multiplier near what the rows and an earlier solution say. */
+/* One side of one row, in the middle: both of its products are `gap`, its distance and its multiplier near what the
+ * rows and an earlier solution say. */
 static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, double gap) {
     hda_mpc_side *z = &w->side[low];
     const int b = e / 8, i = e % 8;
-    const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->now.rows[e] : w->now.rows[e], y = low ? -w->now.y[e] : w->now.y[e];
+    const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->now.rows[e] : w->now.rows[e],
+                 y = low ? -w->now.y[e] : w->now.y[e];
     if (!(bound < HDA_MPC_FREE)) return;
     z->there[b][i] = 1.0;
     z->bound[b][i] = bound;
@@ -73,7 +78,8 @@ static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double gap) {
     for (int e = 0; e < ALL; e++) {
         if (!(qp->linear[e] < HDA_MPC_FREE)) continue;
         w->soft[e / 8][e % 8] = 1.0;
-        w->linear[e / 8][e % 8] = qp->linear[e] + qp->square[e] > 0.0 ? qp->linear[e] : 1e-12; /* costs nothing: room for its multiplier */
+        /* costs nothing: room for its multiplier */
+        w->linear[e / 8][e % 8] = qp->linear[e] + qp->square[e] > 0.0 ? qp->linear[e] : 1e-12;
         w->square[e / 8][e % 8] = qp->square[e];
     }
     w->pairs = 0.0;
@@ -97,7 +103,8 @@ static double measure(hda_mpc_work *w, double *gap) {
             const W stiff = z->v[b] + w->square[b] * z->s[b], both = z->t[b] * stiff + z->l[b] * z->s[b] * w->soft[b];
             const W inverse = 1.0 / (stiff * both); /* one division for ease, soft / stiff, and give, stiff / both */
             const W ease = w->soft[b] * both * inverse;
-            const W over = z->there[b] * (z->t[b] - z->bound[b] + side * *(hda_mpc_wide *)(w->now.rows + 8 * b) - z->s[b]);
+            const W over =
+                z->there[b] * (z->t[b] - z->bound[b] + side * *(hda_mpc_wide *)(w->now.rows + 8 * b) - z->s[b]);
             const W open = z->there[b] * w->soft[b] * (z->v[b] - w->linear[b] - w->square[b] * z->s[b] + z->l[b]);
             const W give = stiff * stiff * inverse;
             const W a = LARGER(over, -over), c = LARGER(open, -open), d = LARGER(a, c);
@@ -109,8 +116,10 @@ static double measure(hda_mpc_work *w, double *gap) {
             z->pair[b] = ROUGH(pair + (1.0 - z->there[b]));
             z->soft_pair[b] = ROUGH(soft_pair + (1.0 - soft));
             sum += z->there[b] * pair + soft * soft_pair;
-            if (low) weight[b] += z->l[b] * give;
-            else weight[b] = z->l[b] * give;
+            if (low)
+                weight[b] += z->l[b] * give;
+            else
+                weight[b] = z->l[b] * give;
             worst = LARGER(worst, d);
         }
     }
@@ -119,7 +128,8 @@ static double measure(hda_mpc_work *w, double *gap) {
     return most_of(&worst);
 }
 
-/* Slopes of the rows for the products' residuals: towards `target`, with the second order of the last step where `second` is 1. */
+/* Slopes of the rows for the products' residuals: towards `target`, with the second order of the last step where
+ * `second` is 1. */
 static void lean(hda_mpc_work *w, double target, double second) {
     hda_mpc_wide *slope = (hda_mpc_wide *)w->slope;
     for (int low = 0; low < 2; low++) {
@@ -127,19 +137,24 @@ static void lean(hda_mpc_work *w, double target, double second) {
         const double side = low ? -1.0 : 1.0;
         for (int b = 0; b < BLOCKS; b++) {
             const W product = z->there[b] * (z->l[b] * z->t[b] + second * z->dl[b] * z->dt[b] - target);
-            const W soft_product = z->there[b] * w->soft[b] * (z->s[b] * z->v[b] + second * z->ds[b] * z->dv[b] - target);
+            const W soft_product =
+                z->there[b] * w->soft[b] * (z->s[b] * z->v[b] + second * z->ds[b] * z->dv[b] - target);
             const W shift = z->ease[b] * (z->s[b] * z->open[b] - soft_product);
-            const W push = z->l[b] + z->give[b] * (z->l[b] * (z->over[b] - shift - side * *(hda_mpc_wide *)(w->now.rows + 8 * b)) - product);
+            const W push =
+                z->l[b] +
+                z->give[b] * (z->l[b] * (z->over[b] - shift - side * *(hda_mpc_wide *)(w->now.rows + 8 * b)) - product);
             z->product[b] = product;
             z->soft_product[b] = soft_product;
-            if (low) slope[b] -= push;
-            else slope[b] = push;
+            if (low)
+                slope[b] -= push;
+            else
+                slope[b] = push;
         }
     }
 }
 
-/* The Newton step that belongs to the new values of the rows; the longest share of it that keeps everything positive. `once`, `twice`: what the sum of
- * the products gains with a share of the step, and with its square. */
+/* The Newton step that belongs to the new values of the rows; the longest share of it that keeps everything positive.
+ * `once`, `twice`: what the sum of the products gains with a share of the step, and with its square. */
 static double stride(hda_mpc_work *w) {
     W most = 1e-300 - zero, once = zero, twice = zero; /* most: of -change / value */
     for (int low = 0; low < 2; low++) {
@@ -150,9 +165,11 @@ static double stride(hda_mpc_work *w) {
             const W dr = side * (*(hda_mpc_wide *)(w->next.rows + 8 * b) - *(hda_mpc_wide *)(w->now.rows + 8 * b));
             const W dl = z->give[b] * (z->l[b] * (dr - shift + z->over[b]) - z->product[b]);
             const W ds = z->there[b] * (z->s[b] * z->ease[b] * dl + shift);
-            const W dt = z->there[b] * (ds - dr - z->over[b]), dv = z->there[b] * w->soft[b] * (w->square[b] * ds - dl - z->open[b]);
+            const W dt = z->there[b] * (ds - dr - z->over[b]),
+                    dv = z->there[b] * w->soft[b] * (w->square[b] * ds - dl - z->open[b]);
             const W pair = z->pair[b], soft_pair = z->soft_pair[b];
-            const W a = -dt * z->l[b] * pair, c = -dl * z->t[b] * pair, e = -ds * z->v[b] * soft_pair, g = -dv * z->s[b] * soft_pair;
+            const W a = -dt * z->l[b] * pair, c = -dl * z->t[b] * pair, e = -ds * z->v[b] * soft_pair,
+                    g = -dv * z->s[b] * soft_pair;
             const W first = LARGER(a, c), last = LARGER(e, g), both = LARGER(first, last);
             z->dl[b] = dl;
             z->ds[b] = ds;
@@ -222,8 +239,9 @@ int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
     return 0;
 }
 
-/* The multiplier of one side of a row that stands at its bound, else 0, because nothing is left of it in the limit. In the last step the distance of
- * such a row shrank faster than its multiplier, whatever the units of both (El-Bakry, Tapia, Zhang, SIAM Review 36 (1994) 45). */
+/* The multiplier of one side of a row that stands at its bound, else 0, because nothing is left of it in the limit. In
+ * the last step the distance of such a row shrank faster than its multiplier, whatever the units of both (El-Bakry,
+ * Tapia, Zhang, SIAM Review 36 (1994) 45). */
 static inline double standing(const hda_mpc_side *z, int e, int telling) {
     const int b = e / 8, i = e % 8;
     const double t = z->t[b][i], l = z->l[b][i];
@@ -238,12 +256,14 @@ int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
         double gap;
         const double worst = measure(w, &gap);
         near = worst < larger(CLOSE, wanted) && gap < wanted && w->unmet < larger(CLOSE, wanted);
-        near |= gap < STALLED && gap > 0.5 * last && worst < CLOSE && w->unmet < CLOSE; /* rounding lets it come no nearer */
+        /* rounding lets it come no nearer */
+        near |= gap < STALLED && gap > 0.5 * last && worst < CLOSE && w->unmet < CLOSE;
         last = gap;
         if (near || !(worst < 1e100) || !(gap < 1e100) || hda_mpc_factor(qp, w->weight, &w->f)) break;
         lean(w, 0.0, 0.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
-        const double first = stride(w), left = larger(gap + first * (w->once + first * w->twice) / w->pairs, 0.0) / larger(gap, 1e-300);
+        const double first = stride(w),
+                     left = larger(gap + first * (w->once + first * w->twice) / w->pairs, 0.0) / larger(gap, 1e-300);
         lean(w, left * left * left * gap, 1.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
         share = stride(w);
@@ -252,6 +272,7 @@ int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
         advance(w, share);
         w->unmet *= 1.0 - share;
     }
-    for (int e = 0; e < ALL; e++) w->now.y[e] = standing(&w->side[0], e, share > TELLING) - standing(&w->side[1], e, share > TELLING);
+    for (int e = 0; e < ALL; e++)
+        w->now.y[e] = standing(&w->side[0], e, share > TELLING) - standing(&w->side[1], e, share > TELLING);
     return near;
 }

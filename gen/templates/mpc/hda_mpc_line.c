@@ -1,15 +1,27 @@
-/* Linearisation: the step of every node with its Jacobians, the outputs that cost, the rows that are limited; nodes side by side in vectors.
+/* Linearisation: the step of every node with its Jacobians, the outputs that cost, the rows that are limited; nodes
+ * side by side in vectors.
  *
- * Legend: f rate of x, J its Jacobian by x, h duration of the node. The step is exponential, x + Phi f with Phi = integral of exp(J s) ds over the
- * node: exact where the arm is linear, stable however stiff, one evaluation a node. With it A = exp(J h) = 1 + J Phi and B = Phi df/dT.
- * Phi by a series on h / 2^s, then Phi <- Phi (1 + exp), s times (Hochbruck, Ostermann, Acta Numerica 19 (2010) 209, 2.1 and 2.26). */
+ * Legend: f rate of x, J its Jacobian by x, h duration of the node. The step is exponential, x + Phi f with Phi =
+ * integral of exp(J s) ds over the node: exact where the arm is linear, stable however stiff, one evaluation a node.
+ * With it A = exp(J h) = 1 + J Phi and B = Phi df/dT. Phi by a series on h / 2^s, then Phi <- Phi (1 + exp), s times
+ * (Hochbruck, Ostermann, Acta Numerica 19 (2010) 209, 2.1 and 2.26). */
 #include "hda_mpc.h"
 
 #include <string.h>
 
 #include "hda_mpc_stage.h"
 
-enum { NX = HDA_MPC_NX, HALF = NX / 2, NU = HDA_N, N = HDA_MPC_N, W = HDA_BATCH_WIDTH, NY = HDA_MPC_NY, NG = HDA_MPC_NG, AXES = HDA_MPC_AXES, MOST_SQUARINGS = 12 };
+enum {
+    NX = HDA_MPC_NX,
+    HALF = NX / 2,
+    NU = HDA_N,
+    N = HDA_MPC_N,
+    W = HDA_BATCH_WIDTH,
+    NY = HDA_MPC_NY,
+    NG = HDA_MPC_NG,
+    AXES = HDA_MPC_AXES,
+    MOST_SQUARINGS = 12
+};
 
 typedef hda_batch V;
 
@@ -150,8 +162,9 @@ static void curve(hda_mpc *k, int node) {
         for (int i = 0; i < NX; i++) k->qp.G[(node * NG + g) * NX + i] = k->G[(node * NX + i) * NG + g];
 }
 
-/* Where a spring is wound beyond its joint's limit, the motor's angle is taken back to that limit: a spring that stiffens has its pole not far
- * beyond, and a line about a point near the pole says nothing of the arm. The node's defect holds the difference. */
+/* Where a spring is wound beyond its joint's limit, the motor's angle is taken back to that limit: a spring that
+ * stiffens has its pole not far beyond, and a line about a point near the pole says nothing of the arm. The node's
+ * defect holds the difference. */
 static void unwind(hda_mpc *k) {
     for (int f = 0; f < HDA_MPC_FLEXIBLE; f++) {
         const int motor = motors[k->flexible[f]], link = simple[k->flexible[f]];
@@ -177,7 +190,9 @@ void hda_mpc_linearise(hda_mpc *k) {
     }
 }
 
-void hda_mpc_stage_constants(const double *c, double *shared) { stage_constants(c, shared); }
+void hda_mpc_stage_constants(const double *c, double *shared) {
+    stage_constants(c, shared);
+}
 
 void hda_mpc_look(const hda_mpc *k, const double *x, double *y, double *Y, double *g, double *G) {
     V at[NX], values[NY], slopes[NY * NX], rows[NG], row_slopes[NG * NX];
@@ -198,8 +213,10 @@ void hda_mpc_wind(hda_mpc *k) {
             x[motor] = 0.5 * (least + most);
             hda_mpc_look(k, x, y, Y, g, G);
             side = g[f] < 0.0 ? -1.0 : 1.0; /* the ratio's sign */
-            if (side * g[f] < k->settings.joint_torque[k->flexible[f]]) least = x[motor];
-            else most = x[motor];
+            if (side * g[f] < k->settings.joint_torque[k->flexible[f]])
+                least = x[motor];
+            else
+                most = x[motor];
         }
         x[motor] = 0.0;
         k->wound[f] = side * most;

@@ -1,8 +1,9 @@
-/* OSQP on the sparse problem. Its workspace is one for the whole process, so every call brings all data, and starts from what the same controller
- * found last; another thread that comes meanwhile is turned away, it does not wait.
+/* OSQP on the sparse problem. Its workspace is one for the whole process, so every call brings all data, and starts
+ * from what the same controller found last; another thread that comes meanwhile is turned away, it does not wait.
  *
- * "No solution" is a finite number in OSQP (2143289344.0): a solution counts only if the status is solved, every number is finite and no
- * larger than a sane one, and the torques lie within their bounds; the states are then recomputed from the torques. */
+ * "No solution" is a finite number in OSQP (2143289344.0): a solution counts only if the status is solved, every number
+ * is finite and no larger than a sane one, and the torques lie within their bounds; the states are then recomputed from
+ * the torques. */
 #include "hda_mpc_solver.h"
 
 #include <string.h>
@@ -16,7 +17,8 @@ enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, SOFT = H
 #define NOWHERE 1e30
 #define SANE 1e8
 
-static OSQPFloat P[P_ENTRIES], A[A_ENTRIES], q[N * WIDTH], low[N * HEIGHT], high[N * HEIGHT], start[N * WIDTH], dual[N * HEIGHT];
+static OSQPFloat P[P_ENTRIES], A[A_ENTRIES], q[N * WIDTH], low[N * HEIGHT], high[N * HEIGHT], start[N * WIDTH],
+    dual[N * HEIGHT];
 static const hda_mpc_solution *known; /* whose solution dual is of */
 static unsigned char taken;           /* a thread is in it */
 
@@ -31,7 +33,8 @@ static void fill(const hda_mpc_qp *qp) {
     for (int k = 0; k < N; k++) {
         OSQPFloat *cost = q + k * WIDTH, *l = low + k * HEIGHT, *u = high + k * HEIGHT;
         const double *bounds_low = qp->low + k * ROWS, *bounds_high = qp->high + k * ROWS;
-        for (int j = 0; j < NU; j++) cost[j] = qp->r[k * NU + j] + qp->d[k * NU + j] - (k + 1 < N ? qp->d[(k + 1) * NU + j] : 0.0);
+        for (int j = 0; j < NU; j++)
+            cost[j] = qp->r[k * NU + j] + qp->d[k * NU + j] - (k + 1 < N ? qp->d[(k + 1) * NU + j] : 0.0);
         for (int i = 0; i < NX; i++) cost[NU + i] = qp->h[k * NX + i];
         for (int i = 0; i < SOFT; i++) cost[NU + NX + i] = qp->linear[k * ROWS + HARD + i];
         for (int i = 0; i < NX; i++) {
@@ -69,7 +72,8 @@ static int sane(const OSQPFloat *a, int count) {
 /* The states that belong to the torques, within their bounds. */
 static void roll(const hda_mpc_qp *qp, const OSQPFloat *found, hda_mpc_solution *s) {
     for (int k = 0; k < N; k++) {
-        const double *now = k ? s->x + (k - 1) * NX : qp->first, *bounds_low = qp->low + k * ROWS, *bounds_high = qp->high + k * ROWS;
+        const double *now = k ? s->x + (k - 1) * NX : qp->first, *bounds_low = qp->low + k * ROWS,
+                     *bounds_high = qp->high + k * ROWS;
         for (int j = 0; j < NU; j++) {
             const double before = k ? s->T[(k - 1) * NU + j] : 0.0;
             double most = bounds_high[j], least = bounds_low[j], T = found[k * WIDTH + j];
@@ -113,16 +117,21 @@ static int alone(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, in
     settings.max_iter = iterations;
     settings.warm_starting = 1;
     fill(qp);
-    if (osqp_update_settings(solver, &settings) || osqp_update_data_mat(solver, P, NULL, P_ENTRIES, A, NULL, A_ENTRIES) ||
+    if (osqp_update_settings(solver, &settings) ||
+        osqp_update_data_mat(solver, P, NULL, P_ENTRIES, A, NULL, A_ENTRIES) ||
         osqp_update_data_vec(solver, q, low, high)) {
         osqp_cold_start(solver);
         known = NULL;
         return HDA_MPC_BROKEN;
     }
-    if (known == s) osqp_warm_start(solver, start, dual);
-    else osqp_cold_start(solver);
+    if (known == s)
+        osqp_warm_start(solver, start, dual);
+    else
+        osqp_cold_start(solver);
     osqp_solve(solver);
-    const int solved = solver->info->status_val == OSQP_SOLVED, rough = solver->info->status_val == OSQP_MAX_ITER_REACHED || solver->info->status_val == OSQP_SOLVED_INACCURATE;
+    const int solved = solver->info->status_val == OSQP_SOLVED,
+              rough = solver->info->status_val == OSQP_MAX_ITER_REACHED ||
+                      solver->info->status_val == OSQP_SOLVED_INACCURATE;
     known = solved && sane(solver->solution->x, N * WIDTH) && sane(solver->solution->y, N * HEIGHT) ? s : NULL;
     if (!known) {
         const int keep = rough && sane(solver->solution->x, N * WIDTH);

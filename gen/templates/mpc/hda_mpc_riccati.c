@@ -1,14 +1,22 @@
 /* Riccati's recursion over the horizon, sizes fixed, columns as vectors.
  *
- * Legend: value of node k + 1: 1/2 x'P x + x'S p + 1/2 p'Z p + e'x + o'p, p the torque before (T_k itself); Q.. blocks of node k;
- * M = Quu - D. Only T - p couples p to its node, so p costs n columns and no rows: Qup = -D.
- * Z = D Quu^-1 M rather than D - D Quu^-1 D, which cancels where a rate stands at its bound.
- * Source: Rao, Wright, Rawlings, J. Optim. Theory Appl. 99 (1998) 723. */
+ * Legend: value of node k + 1: 1/2 x'P x + x'S p + 1/2 p'Z p + e'x + o'p, p the torque before (T_k itself); Q.. blocks
+ * of node k; M = Quu - D. Only T - p couples p to its node, so p costs n columns and no rows: Qup = -D. Z = D Quu^-1 M
+ * rather than D - D Quu^-1 D, which cancels where a rate stands at its bound. Source: Rao, Wright, Rawlings, J. Optim.
+ * Theory Appl. 99 (1998) 723. */
 #include "hda_mpc_riccati.h"
 
 #include <string.h>
 
-enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, SIMPLES = HDA_MPC_SIMPLES, NG = HDA_MPC_NG, HARD = HDA_MPC_HARD, ROWS = HDA_MPC_ROWS };
+enum {
+    NX = HDA_MPC_NX,
+    NU = HDA_N,
+    N = HDA_MPC_N,
+    SIMPLES = HDA_MPC_SIMPLES,
+    NG = HDA_MPC_NG,
+    HARD = HDA_MPC_HARD,
+    ROWS = HDA_MPC_ROWS
+};
 
 typedef double V __attribute__((vector_size(8 * HDA_MPC_NX_WIDE)));
 typedef double U __attribute__((vector_size(8 * HDA_MPC_N_WIDE)));
@@ -214,7 +222,8 @@ static inline void values(const hda_mpc_node *d, const U *T, const U *before, co
     }
 }
 
-void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *slope, double *T, double *x, double *rows) {
+void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *slope, double *T, double *x,
+                   double *rows) {
     U idle[N], o = nothing, before = nothing;
     V e = none, now;
     for (int k = N - 1; k >= 0; k--) { /* idle = Quu^-1 qu */

@@ -5,13 +5,21 @@
 
 #include "hda_float.h"
 
-enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, ROWS = HDA_MPC_ROWS, HARD = HDA_MPC_HARD, SIMPLES = HDA_MPC_SIMPLES, NG = HDA_MPC_NG };
+enum {
+    NX = HDA_MPC_NX,
+    NU = HDA_N,
+    N = HDA_MPC_N,
+    ROWS = HDA_MPC_ROWS,
+    HARD = HDA_MPC_HARD,
+    SIMPLES = HDA_MPC_SIMPLES,
+    NG = HDA_MPC_NG
+};
 
 static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
 static const int simple[] = HDA_MPC_SIMPLE;
 
 #define SLIGHT 0.05 /* share of a limit: what is beyond it by less, noise may have moved there */
-#define SLOW 0.2 /* s: a force that comes within it is a collision, one that grows slower is a push */
+#define SLOW 0.2    /* s: a force that comes within it is a collision, one that grows slower is a push */
 
 static int family(int row) {
     if (row < HARD + SIMPLES) return row / NU;
@@ -35,13 +43,17 @@ void hda_mpc_feel(hda_mpc *k) {
     hda_force_map(k->estimator.last, k->c, map);
     for (int i = 0; i < 2; i++) {
         r->observed_force[i] = 0.0;
-        for (int j = 0; j < NU; j++) r->observed_force[i] += map[i * NU + j] * k->estimator.outside[j] / k->estimator.ratio[j];
+        for (int j = 0; j < NU; j++)
+            r->observed_force[i] += map[i * NU + j] * k->estimator.outside[j] / k->estimator.ratio[j];
     }
-    r->collision = hda_length(r->observed_force[0] - k->expected[0], r->observed_force[1] - k->expected[1]) > k->settings.noise.collision;
-    for (int i = 0; i < 2; i++) k->expected[i] += k->guard.config.period / SLOW * (r->observed_force[i] - k->expected[i]);
+    r->collision = hda_length(r->observed_force[0] - k->expected[0], r->observed_force[1] - k->expected[1]) >
+                   k->settings.noise.collision;
+    for (int i = 0; i < 2; i++)
+        k->expected[i] += k->guard.config.period / SLOW * (r->observed_force[i] - k->expected[i]);
 }
 
-/* Whether a path's point is farther than the arm is long, nearer than its longest link lets the others come, or beyond the range of a joint. */
+/* Whether a path's point is farther than the arm is long, nearer than its longest link lets the others come, or beyond
+ * the range of a joint. */
 static int unreached(const hda_mpc *k, const double *path) {
     if (HDA_MPC_JOINT_SPACE) {
         for (int j = 0; j < NU; j++)

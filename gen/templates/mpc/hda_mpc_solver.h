@@ -47,11 +47,12 @@ typedef struct hda_mpc_work {
     int set[HDA_MPC_ALL]; /* 0 free, 1 at high, 2 beyond high, -1 at low, -2 beyond low */
 } hda_mpc_work;
 
-/* Solved by the active set from solution->dual (zeros: none known), else by the interior point. Status as in hda_mpc_qp.h; where it is
- * negative the solution is left as it was. */
+/* Solved by the active set from solution->dual (zeros: none known), else by the interior point. Status as in
+ * hda_mpc_qp.h; where it is negative the solution is left as it was. */
 int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *solution, hda_mpc_work *w);
 
-/* Does beforehand what needs neither the first state nor the cost's slope, for the next hda_mpc_riccati with the same matrices and bounds. */
+/* Does beforehand what needs neither the first state nor the cost's slope, for the next hda_mpc_riccati with the same
+ * matrices and bounds. */
 void hda_mpc_anticipate(const hda_mpc_qp *qp, const hda_mpc_solution *solution, hda_mpc_work *w);
 
 /* The same from the interior point alone. */

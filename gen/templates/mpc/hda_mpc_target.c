@@ -1,18 +1,30 @@
 /* The target, the cost's slope, the rows' bounds, and the trajectory one period on.
  *
- * Legend: M x'' + B x' + K x = F the wanted admittance about the commanded path; F the tip force, which fades at `decay` over the horizon. */
+ * Legend: M x'' + B x' + K x = F the wanted admittance about the commanded path; F the tip force, which fades at
+ * `decay` over the horizon. */
 #include "hda_mpc.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { NX = HDA_MPC_NX, NU = HDA_N, N = HDA_MPC_N, NY = HDA_MPC_NY, NG = HDA_MPC_NG, AXES = HDA_MPC_AXES, ROWS = HDA_MPC_ROWS, HARD = HDA_MPC_HARD, SIMPLES = HDA_MPC_SIMPLES };
+enum {
+    NX = HDA_MPC_NX,
+    NU = HDA_N,
+    N = HDA_MPC_N,
+    NY = HDA_MPC_NY,
+    NG = HDA_MPC_NG,
+    AXES = HDA_MPC_AXES,
+    ROWS = HDA_MPC_ROWS,
+    HARD = HDA_MPC_HARD,
+    SIMPLES = HDA_MPC_SIMPLES
+};
 
 static const int simple[] = HDA_MPC_SIMPLE;
 static const double scale[] = HDA_MPC_SCALE, full[] = HDA_MPC_TORQUE;
 static const int is_flexible[] = HDA_MPC_IS_FLEXIBLE;
 
-#define BACK 0.5 /* share of its limit: the speed at which a tip beyond a wall, or a joint beyond its range, has to come back */
+/* Share of its limit: the speed at which a tip beyond a wall, or a joint beyond its range, has to come back. */
+#define BACK 0.5
 
 /* exp of a 3 x 3 matrix, by squaring what is left of 1. */
 static void exponential(const double *A, double time, double *out) {
@@ -43,12 +55,15 @@ static void rows(hda_mpc *k) {
     hda_mpc_ratios(k->c, ratio);
     memset(k->back, 0, sizeof k->back);
     for (int j = 0; j < NU; j++) {
-        const double gear = ratio[j] < 0.0 ? -ratio[j] : ratio[j], speed = s->motor_speed[j], middle = 0.5 * (s->position_low[j] + s->position_high[j]), half = 0.5 * (s->position_high[j] - s->position_low[j]);
+        const double gear = ratio[j] < 0.0 ? -ratio[j] : ratio[j], speed = s->motor_speed[j],
+                     middle = 0.5 * (s->position_low[j] + s->position_high[j]),
+                     half = 0.5 * (s->position_high[j] - s->position_low[j]);
         const double limits[4][3] = {
             {-k->guard.config.torque_limit[j], k->guard.config.torque_limit[j], full[j]},
             {-k->guard.config.torque_rate[j], k->guard.config.torque_rate[j], full[j]}, /* per second */
             {middle - keep * half, middle + keep * half, scale[simple[j]]},
-            {-keep * speed, keep * speed, scale[simple[NU + j]] * (is_flexible[j] ? 1.0 : gear)}, /* the state of a rigid joint is the joint's */
+            /* the state of a rigid joint is the joint's */
+            {-keep * speed, keep * speed, scale[simple[NU + j]] * (is_flexible[j] ? 1.0 : gear)},
         };
         k->back[HARD + j] = BACK * speed / gear / scale[simple[j]];
         const int at[4] = {j, NU + j, HARD + j, HARD + NU + j};
@@ -71,7 +86,9 @@ static void penalties(hda_mpc *k) {
     const hda_mpc_settings *s = &k->settings;
     for (int row = 0; row < ROWS; row++) {
         k->size[row] = 0.5 * (k->limits[row][1] - k->limits[row][0]);
-        if (row >= HARD + SIMPLES + HDA_MPC_FLEXIBLE) k->size[row] = row == HARD + SIMPLES + HDA_MPC_FLEXIBLE ? s->tip_speed : 0.02; /* m, of a wall */
+        /* m, of a wall */
+        if (row >= HARD + SIMPLES + HDA_MPC_FLEXIBLE)
+            k->size[row] = row == HARD + SIMPLES + HDA_MPC_FLEXIBLE ? s->tip_speed : 0.02;
     }
     for (int e = 0; e < HDA_MPC_ALL; e++) {
         const int row = e % ROWS;
@@ -89,7 +106,9 @@ void hda_mpc_constants(hda_mpc *k) {
     memcpy(k->shared + HDA_MPC_AT_SMOOTHING, s->smoothing, sizeof s->smoothing);
     for (int i = 0; i < 3 * HDA_MPC_WALLS; i++) k->shared[HDA_MPC_AT_WALLS + i] = s->walls[i];
     for (int axis = 0; axis < AXES; axis++) {
-        const double M = s->mass[axis], A[9] = {0.0, 1.0, 0.0, -s->stiffness[axis] / M, -s->damping[axis] / M, 1.0 / M, 0.0, 0.0, -s->decay};
+        const double M = s->mass[axis],
+                     A[9] = {0.0, 1.0, 0.0,      -s->stiffness[axis] / M, -s->damping[axis] / M, 1.0 / M,
+                             0.0, 0.0, -s->decay};
         exponential(A, k->guard.config.period, k->carry[axis]);
         for (int node = 0; node < N; node++) exponential(A, s->grid[node], k->carry[(node + 1) * AXES + axis]);
     }
@@ -113,7 +132,9 @@ void hda_mpc_constants(hda_mpc *k) {
     hda_mpc_wind(k);
 }
 
-static double within(double value) { return value > HDA_MPC_FREE ? 2.0 * HDA_MPC_FREE : value < -HDA_MPC_FREE ? -2.0 * HDA_MPC_FREE : value; }
+static double within(double value) {
+    return value > HDA_MPC_FREE ? 2.0 * HDA_MPC_FREE : value < -HDA_MPC_FREE ? -2.0 * HDA_MPC_FREE : value;
+}
 
 /* How far the present state is beyond its places: walls and ranges of joints; in the rows' units, 0 within. */
 static void outside(const hda_mpc *k, double (*beyond)[2]) {
@@ -128,7 +149,8 @@ static void outside(const hda_mpc *k, double (*beyond)[2]) {
     }
 }
 
-/* What is left of it at a time, where it comes back as it has to: so the way back does not ask for more speed than is allowed. */
+/* What is left of it at a time, where it comes back as it has to: so the way back does not ask for more speed than is
+ * allowed. */
 static double left(const hda_mpc *k, double (*beyond)[2], int row, int side, double time) {
     const double rest = row < HARD ? 0.0 : beyond[row][side] - k->back[row] * time;
     return rest > 0.0 ? rest : 0.0;
@@ -147,7 +169,10 @@ void hda_mpc_bound(hda_mpc *k) {
             const int j = row % NU;
             const double before = node ? k->T[(node - 1) * NU + j] : k->guard.sent[j] / full[j];
             const double change = k->T[node * NU + j] - before, share = row >= NU && row < HARD ? span : 1.0;
-            const double now = row < NU ? k->T[node * NU + j] : row < HARD ? change : row < HARD + SIMPLES ? x[simple[row - HARD]] : k->g[node * NG + row - HARD - SIMPLES];
+            const double now = row < NU               ? k->T[node * NU + j]
+                               : row < HARD           ? change
+                               : row < HARD + SIMPLES ? x[simple[row - HARD]]
+                                                      : k->g[node * NG + row - HARD - SIMPLES];
             low[row] = within(share * k->limits[row][0] - left(k, beyond, row, 0, time) - now);
             high[row] = within(share * k->limits[row][1] + left(k, beyond, row, 1, time) - now);
         }
@@ -214,8 +239,8 @@ static int place(const double *grid, double at, double *share) {
     return node;
 }
 
-/* One period on: states between the old nodes by a straight line; each torque the mean of the old ones over its new node; the multipliers of
- * the node that each new one begins in. Beyond the horizon the last node goes on. */
+/* One period on: states between the old nodes by a straight line; each torque the mean of the old ones over its new
+ * node; the multipliers of the node that each new one begins in. Beyond the horizon the last node goes on. */
 void hda_mpc_shift(hda_mpc *k) {
     const double *grid = k->settings.grid, period = k->guard.config.period;
     double old_x[(N + 1) * NX], old_T[N * NU], old_dual[HDA_MPC_ALL], begun = period;
@@ -224,8 +249,10 @@ void hda_mpc_shift(hda_mpc *k) {
     memcpy(old_dual, k->solution.dual, sizeof old_dual);
     for (int node = 0; node < N; node++) {
         double from, to;
-        const int first = place(grid, begun, &from), last = place(grid, begun + grid[node], &to), nearest = from < 0.5 || first == N - 1 ? first : first + 1;
-        for (int i = 0; i < NX; i++) k->x[(node + 1) * NX + i] = (1.0 - to) * old_x[last * NX + i] + to * old_x[(last + 1) * NX + i];
+        const int first = place(grid, begun, &from), last = place(grid, begun + grid[node], &to),
+                  nearest = from < 0.5 || first == N - 1 ? first : first + 1;
+        for (int i = 0; i < NX; i++)
+            k->x[(node + 1) * NX + i] = (1.0 - to) * old_x[last * NX + i] + to * old_x[(last + 1) * NX + i];
         for (int j = 0; j < NU; j++) {
             double sum = 0.0, time = 0.0;
             for (int m = first; m <= last; m++) {
