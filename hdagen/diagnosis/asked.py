@@ -1,6 +1,7 @@
 """The torque that the measured motion requires: inverse dynamics of motion smoothed without lag.
 
-Legend: K instants of an even grid, n joints."""
+Legend: K instants of an even grid, n joints.
+"""
 
 from __future__ import annotations
 

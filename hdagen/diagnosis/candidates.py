@@ -6,7 +6,8 @@ states it with a source). The unit of a base parameter that belongs to no effect
 exactly absent. Outside the hypothesis its size lies within a small share of the size that every machine has (SHARES);
 inside it is free (SLAB).
 
-Legend: an atom is an effect on a joint with its shape parameters at one of their starting values."""
+Legend: an atom is an effect on a joint with its shape parameters at one of their starting values.
+"""
 
 from __future__ import annotations
 
@@ -56,14 +57,11 @@ class Atom:
         return f"{self.effect}@{self.joint}"
 
     def presupposes(self, arm: Arm) -> str | None:
-        """Name the effect without which this one has no meaning: an effect that only changes dry friction needs dry
-        friction.
+        """Name the effect, name@joint, without which this one has no meaning: an effect that only changes dry friction
+        needs dry friction. None where the robot file has it, or the effect needs no other.
 
         Args:
             arm: the compiled model
-
-        Returns:
-            name@joint; None where the robot file has that friction, or the effect needs none.
 
         """
         base = arm.parameters.described.get(f"coulomb_friction_{self.joint}")
@@ -82,11 +80,11 @@ class Atom:
         return self.joint == other.joint and {self.effect, other.effect} == TWINS
 
     def shape(self, arm: Arm, p: Array) -> None:
-        """Write the shapes into parameters, in place, clipped to their bounds.
+        """Write the shapes, clipped to their bounds, into the parameters ``p`` (np).
 
         Args:
             arm: the compiled model
-            p: parameters (np), changed
+            p: parameters, changed in place
 
         """
         for name, value in self.shapes.items():
@@ -101,7 +99,8 @@ class Column:
     ``index``: its place in p; ``center``: the value at θ = 0; ``unit`` of θ; ``spike``: prior standard deviation of θ;
     ``atom``: the candidate whose amplitude it is (−1: none); ``base``: every hypothesis fits it, as it does the keys of
     the robot file and the shapes of its own effects; ``seen``: initial guess of θ from the log (0: none);
-    ``everywhere``: θ that every machine has a share of."""
+    ``everywhere``: θ that every machine has a share of.
+    """
 
     parameter: str
     index: int
@@ -158,10 +157,10 @@ class Dictionary:
         return low, high
 
     def sharing(self, share: float) -> Dictionary:
-        """Return the set with another spike width of the inactive effects.
+        """Return the set with another spike width of the inactive effects, in typical sizes.
 
         Args:
-            share: spike width in typical sizes
+            share: spike width
 
         """
         wider = share**2 - self.share**2
@@ -255,8 +254,8 @@ class Dictionary:
         return tuple(sorted(self.atoms[k].name for k in atoms))
 
     def fits(self, arm: Arm, k: int, lead: Iterable[int]) -> bool:
-        """Tell whether a candidate adds a meaning to a hypothesis: a twin of one of its effects does not, nor an effect
-        that needs another one first.
+        """Tell whether a candidate adds a meaning to a hypothesis: not as a twin of its effects, nor without an effect
+        it needs.
 
         Args:
             arm: the compiled model
@@ -289,7 +288,7 @@ class Dictionary:
 
     def about(self, arm: Arm, atoms: tuple[int, ...], p: Array) -> Dictionary:
         """Return the columns of one hypothesis about its present point, with small steps for its own sizes. The shapes
-        of its effects, and those of nuisance effects that are large enough to matter, become columns, too.
+        of its effects, and those of nuisance effects large enough to matter, become columns, too.
 
         Args:
             arm: the compiled model

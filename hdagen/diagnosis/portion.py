@@ -2,7 +2,8 @@
 
 Without a hold-out log, blocks of time all over the log are held out. An event that happens once, such as a touched wall
 or a saturated current, is then as likely in the fitted rows as any other moment. The blocks lie at uneven distances, so
-that no phase of a periodic motion is held out completely."""
+that no phase of a periodic motion is held out completely.
+"""
 
 from __future__ import annotations
 

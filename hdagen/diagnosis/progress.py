@@ -1,7 +1,7 @@
-"""How far a diagnosis is: the stage by its name, and about how long it will still take.
+"""Progress of a diagnosis: the stage by its name, and roughly the time left.
 
-How many effects will be tried beside which is not known before, so the time left is that of a log in which two were;
-one without an effect is done sooner.
+The number of effects that will be tried is unknown at first, so the time left is that of a log in which two were tried;
+a log without an effect is done sooner.
 """
 
 from __future__ import annotations
@@ -33,14 +33,19 @@ LEAST = 0.05  # share behind, from which the time left is told
 
 
 class Progress:
-    """Prints each stage with the time, and the time left; to be called from any thread."""
+    """Prints each stage with the time and the time left, from any thread."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.clock, self.lock, self.begun = clock, Lock(), clock()
         self.behind, self.base, self.races, self.round = 0.0, 0.0, 0, 0
 
     def __call__(self, stage: str) -> None:
-        """A line for this stage."""
+        """Print a line for a stage.
+
+        Args:
+            stage: its sentence
+
+        """
         with self.lock:
             passed = self.clock() - self.begun
             self._came_to(stage)

@@ -4,7 +4,8 @@ Of a long or dense log the fit uses only some windows and some of their rows, wh
 windows are simulated only where an effect has a memory of its own.
 
 Legend: T rows, R rows in windows, W windows, K selected windows, S sampled rows in them, M channels; m positions and
-velocities of the state."""
+velocities of the state.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ class Record:
     input before row 0. ``measured`` (T, M) with standard deviations ``noise`` (M); windows run from rows ``starts`` (W)
     to ``ends`` (W) and begin in the measured states ``begun`` (W, nx). ``clock`` (T, M): noise of each value that the
     log's clock causes; ``noise`` contains its mean. ``input_noise`` (n): standard deviation, N m at the motor, of a
-    measured input from one row to the next; 0 for a command."""
+    measured input from one row to the next; 0 for a command.
+    """
 
     log: Log
     shown: Mask
