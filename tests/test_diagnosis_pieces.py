@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_diagnosis import problem
 
-from hdagen.diagnosis import search
+from hdagen.diagnosis import fit_order, search
 from hdagen.diagnosis.candidates import PRESENT, SHARES, Atom, Column, Dictionary
 from hdagen.diagnosis.descent import prior_widths
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
@@ -155,9 +155,9 @@ def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
         pairs = (((), none), ((1,), best))
         return [SimpleNamespace(atoms=atoms, clean=0.0, reached=-lacks) for atoms, lacks in pairs]
 
-    assert search._beyond(fits(1300.0, 1240.0))
-    assert not search._beyond(fits(1300.0, 900.0))  # it tells a third
-    assert not search._beyond(fits(400.0, 390.0))  # little is left to be told at all
+    assert fit_order.is_beyond(fits(1300.0, 1240.0))
+    assert not fit_order.is_beyond(fits(1300.0, 900.0))  # it tells a third
+    assert not fit_order.is_beyond(fits(400.0, 390.0))  # little is left to be told at all
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------

@@ -22,12 +22,12 @@ from hdagen.simulation import Simulation, World, run
 from hdagen.torques import torque_per_input
 
 LAW = "impedance_joint"
-DAMPING = 0.02  # N m s/rad at each motor, where the guard makes the arm safe
+DAMPING = 0.02  # N m s/rad at each motor, once the guard has stopped the arm
 FULL = 0.005  # s, in which a motor reaches its full torque
-RANGE = 0.2, 0.8  # quantiles of the log's angles, between which the arm swings
-SHORTEST = 1.0  # s, of a swing there and back
-SWINGS = 2
-PRESSED = 0.01  # m, by which the wall would be passed
+RANGE = 0.2, 0.8  # quantiles of the log's angles: ends of the swing
+SHORTEST = 1.0  # s, shortest swing there and back
+SWINGS = 2  # swings there and back
+PRESSED = 0.01  # m, depth of the reference behind the wall
 WALL = 1e4  # N/m: steel table, rubber tip
 RISE, HOLD = 0.5, 1.0  # s of the way into the wall, and at its end
 

@@ -228,11 +228,16 @@ def _factor(M: Array) -> Array:
 def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
     """Compute the log evidence that freeing some columns adds.
 
+    Source: Dickey, Ann. Math. Stat. 42 (1971) 204.
+
     Args:
         at: posterior under spikes alone
         spike: its prior standard deviations (P)
         free: places of the columns
         slab: prior standard deviation of a free column
+
+    Returns:
+        The gain; minus infinity where rounding makes it undefined.
 
     """
     if not len(free):
@@ -257,6 +262,9 @@ def large(at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds
         least: size that counts as large
         bounds: lowest and highest θ (P each)
         slab: prior standard deviation of a free column
+
+    Returns:
+        The probability.
 
     """
     D = 1.0 / slab**2 - 1.0 / spike[free] ** 2

@@ -9,7 +9,7 @@ from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 
-LOOKS = 2  # steps of it
+LOOKS = 2  # steps of the fit
 
 
 def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
@@ -36,6 +36,9 @@ def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
     Args:
         shooting: the record and its model
         words: all candidates
+
+    Returns:
+        The fit.
 
     """
     fit = begun(design(shooting, words.focused(()), first(shooting, words)), words, (), 1.0)

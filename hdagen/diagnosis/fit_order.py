@@ -1,4 +1,4 @@
-"""The order of fits: by what they have reached in the end, by what they promise on the way.
+"""The order of fits: by the evidence reached in the end, by the evidence promised on the way.
 
 A fit keeps its columns only while it may lead: they fill the memory.
 """
@@ -24,6 +24,9 @@ def charge_effects(evidence: float, fit: Fitted, excess: float) -> float:
         evidence: the log evidence
         fit: the fit, which has the effects
         excess: temperature, in multiples of the least
+
+    Returns:
+        The log evidence less the penalty.
 
     """
     return evidence - DEAR * excess * len(fit.atoms)
@@ -69,6 +72,9 @@ def bared(fits: Sequence[Fitted]) -> list[Fitted]:
     Args:
         fits: fits, the best first
 
+    Returns:
+        The fits in the same order.
+
     """
     best = first_whole(fits)
     return [fit if fit is best else fit.bare() for fit in fits]
@@ -80,6 +86,9 @@ def promising_first(fits: Sequence[Fitted]) -> list[Fitted]:
     Args:
         fits: fits in any order
 
+    Returns:
+        The fits, the most promising first.
+
     """
     return sorted(fits, key=lambda f: -f.score.evidence)
 
@@ -89,6 +98,9 @@ def best_first(fits: Sequence[Fitted]) -> list[Fitted]:
 
     Args:
         fits: fits in any order
+
+    Returns:
+        The fits, the best first.
 
     """
     return sorted(fits, key=lambda f: -f.reached)

@@ -48,7 +48,7 @@ class Fitted:
         return self.kept is None
 
     def bare(self) -> Fitted:
-        """Return what a decision needs of the fit, without the columns, which would fill the memory."""
+        """Return all that a decision needs of the fit, without the columns, which would fill the memory."""
         if self.kept:
             return self
         return replace(self, design=self.design.bare(), kept=(self._summed, self._overrated))
@@ -74,6 +74,9 @@ class Fitted:
             temperature: the likelihood counts as its root of this order
             atoms: places of the subset's candidates; default: the whole hypothesis
 
+        Returns:
+            The log evidence.
+
         """
         if atoms is None:
             atoms = self.atoms
@@ -85,6 +88,9 @@ class Fitted:
 
         Args:
             atoms: places of its candidates
+
+        Returns:
+            The log evidence.
 
         """
         return self._worth(self._summed, atoms, TEMPERATURE)
@@ -183,6 +189,9 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
         words: all candidates
         atoms: places of the smaller hypothesis' candidates
 
+    Returns:
+        The fit before its first step.
+
     """
     p = fit.design.point.p.copy()
     for c in words.columns:
@@ -202,6 +211,9 @@ def instead(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
         words: all candidates
         atoms: places of the hypothesis' candidates
 
+    Returns:
+        The fit before its first step.
+
     """
     at, arm, s = fit.design, fit.design.shooting.arm, fit.score.at.s
     point = move_to(at, at.linear(), s, fit.standing(atoms))
@@ -220,6 +232,9 @@ def anew(start: Point, fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -
         words: all candidates
         atoms: places of the effects' candidates
 
+    Returns:
+        The fit before its first step.
+
     """
     p, names = start.p.copy(), list(fit.design.shooting.arm.parameters.described)
     for k in atoms:
@@ -235,6 +250,9 @@ def again(fit: Fitted, words: Dictionary) -> Fitted:
     Args:
         fit: the fit without columns
         words: all candidates
+
+    Returns:
+        The fit with its columns.
 
     """
     return _there(fit.design.shooting, words, fit.atoms, fit.design.point, fit.score.at.s, fit.clean)

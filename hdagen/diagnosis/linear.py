@@ -63,8 +63,8 @@ class Spectrum:
         return np.asarray(s**2 / (1.0 + s**2 * self.power))
 
     def logdet(self, s: float) -> float:
-        """Return the log determinant of the eliminated unknowns. An initial state gains by chance what it costs, so
-        models with any number of them can be compared.
+        """Return the log determinant of the eliminated unknowns. An initial state gains by chance as much as it costs,
+        so models with any number of them can be compared.
 
         Args:
             s: prior standard deviation of the torques
@@ -88,7 +88,7 @@ class Spectrum:
         """Eliminate the torques from projected residuals, too.
 
         Args:
-            heard: the projections of `heard`
+            heard: their projections
             r2: squares of the residuals (W, B)
             s: prior standard deviation of the torques
 
@@ -290,7 +290,7 @@ class Reduced:
         return np.asarray((self.N.reshape(-1, len(theta)) @ theta).reshape(self.b.shape))
 
     def summed(self, kappa2: Array) -> Summed:
-        """Sum all windows.
+        """Return the sum over all windows.
 
         Args:
             kappa2: squared noise scales (W)
@@ -356,7 +356,7 @@ class Reduced:
 
 
 def left(N: Array, b: Array, c: Array, theta: Array) -> Array:
-    """Compute the misfit (W, B) of residuals with the same columns, each at its own θ, as `Reduced.chi2` does for one.
+    """Return the misfit (W, B) of residuals with the same columns, each at its own θ, as `Reduced.chi2` does for one.
 
     Args:
         N: J'CJ (W, P, P)
@@ -372,7 +372,7 @@ def left(N: Array, b: Array, c: Array, theta: Array) -> Array:
 
 
 def scaled(left: Array, freedom: Array) -> Array:
-    """Compute κ² of windows.
+    """Return the squared noise scales κ² of windows.
 
     Args:
         left: their misfit

@@ -88,7 +88,7 @@ class MeasuredMotion:
         return self.arm.n
 
     def on_grid(self, values: Array) -> Array:
-        """Interpolate logged samples at the instants (K).
+        """Return logged samples, interpolated at the instants (K).
 
         Args:
             values: samples (T)
@@ -153,6 +153,9 @@ class MeasuredMotion:
 
         Args:
             values: columns (K, k)
+
+        Returns:
+            The filtered columns (K, k).
 
         """
         return np.stack([self.grid.smooth(column) for column in values.T], 1)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import contextlib
 import ctypes
 
-LARGE = 1 << 20  # bytes, from which an array is mapped by itself, and given back
-KEPT = 1 << 26  # bytes of free memory, up to which the rest is kept
+LARGE = 1 << 20  # bytes, from which an array is mapped by itself and returned to the system
+KEPT = 1 << 26  # bytes of free memory that are kept for the next arrays
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 

@@ -130,6 +130,9 @@ class Sight(MeasuredMotion):
         Args:
             p: parameters (np)
 
+        Returns:
+            Torque at motors and links.
+
         """
         if self.split:
             return self._parted(p)
@@ -146,7 +149,7 @@ class Sight(MeasuredMotion):
         """Compute the residual torque of whole joints, at the motor."""
         given = self.inputs(p)[:, : self.n] * torque_per_input(self.arm.at(p))
         found = self.smooth(self._asked(p)["motor_torque"] - given)
-        return np.where(self.direction == 0, 0.0, found)  # what holds a joint at rest is not known
+        return np.where(self.direction == 0, 0.0, found)  # friction that holds a joint at rest is unknown
 
     def _asked(self, p: Array) -> dict[str, Array]:
         """Compute the inverse dynamics of the measured motion under parameters ``p``, unfiltered."""
@@ -192,6 +195,9 @@ class Sight(MeasuredMotion):
         Args:
             p: parameters (np)
             less: parameters (np) to subtract
+
+        Returns:
+            Torque at motors and links.
 
         """
         x = self.states(p)

@@ -131,6 +131,9 @@ class Regression:
         Args:
             atoms: places of the set's candidates
 
+        Returns:
+            The set with its sizes.
+
         """
         free = np.array([i for i, c in enumerate(self.words.columns) if c.base or c.atom in atoms], int)
         own = np.array([self.words.columns[i].atom in atoms for i in free], bool)

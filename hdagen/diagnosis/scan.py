@@ -67,7 +67,8 @@ def scan(
     seen = at.shooting.near(at.point.lane, [point.lane for _, point in tried])
 
     def evidences(of: Sequence[tuple[tuple[int, ...], Point]], left: Array) -> Array:
-        """Log evidence where atoms stand at points with what that leaves, (B, R, M), in their best size of torque."""
+        """Log evidence of candidates at points with their residuals (B, R, M), at the best size of unexplained
+        torque."""
         bundle = base.bundle([point for _, point in of], left)
         spikes = np.stack([widths(base, free(atoms), point) for atoms, point in of])
         return np.max([bundle.evidences(s, spikes) for s in sizes], axis=0)

@@ -192,7 +192,7 @@ def _alike(lead: Fitted, fitted: Sequence[Fitted], words: Dictionary) -> list[tu
     found = []
     for one in lead.atoms:
         rest = tuple(i for i in lead.atoms if i != one)
-        alone = lead.promised(rest) + WORTH * lead.excess  # what says nothing promises as much as the rest does
+        alone = lead.promised(rest) + WORTH * lead.excess  # an effect that does not show promises as much as the rest
         for k in (k for k in here if words.fits(lead.design.shooting.arm, k, rest)):
             promise = np.inf
             if not words.atoms[k].twin(words.atoms[one]):
@@ -209,7 +209,7 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
     ordered = best_first(fits)
     excess = ordered[0].excess
     least = max(charge_effects(fit.reached, fit, excess) for fit in ordered) - CLOSE * excess
-    best: dict[tuple[str, ...], Fitted] = {}  # each set where it is best
+    best: dict[tuple[str, ...], Fitted] = {}  # the best fit of each set
     for fit in ordered:
         if fit is ordered[0] or charge_effects(fit.score.evidence, fit, excess) >= least:
             best.setdefault(fit.names, fit)
@@ -218,8 +218,8 @@ def _contested(fits: list[Fitted], words: Dictionary, say: Callable[[str], None]
         return bared(ordered)
     say(f"going on with {', '.join(' + '.join(fit.names) or 'none' for fit in close)}")
     rest = [fit.bare() for fit in ordered if fit not in close]
-    del ordered, best, fits[:]  # what is not close is let go of
-    done = [fit.names for fit in close[1:] if fit.stands]  # the best is needed with its columns
+    del ordered, best, fits[:]  # the other fits free their memory
+    done = [fit.names for fit in close[1:] if fit.stands]  # the best one must have its columns
 
     def in_the_end(fit: Fitted) -> Fitted:
         if not fit.whole and fit.names not in done:
@@ -297,7 +297,7 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
     first."""
     field[:], out = _parted(promising_first(field), FAINT, len(field))
     for number, most in enumerate((*sizes[1:], len(field)), 1):
-        given = (field.pop(0) for _ in range(len(field)))  # each is let go of as soon as it has moved
+        given = (field.pop(0) for _ in range(len(field)))  # each old fit frees its memory as soon as its step is done
         moved = promising_first(together(partial(_further, words, say, f"round {number} of {len(sizes)}"), given))
         if number == ALONE:
             moved, left_behind = keep_best_starts(moved)

@@ -58,7 +58,7 @@ class Spectra:
         return np.sqrt(2 * self.power * self.period / float(self.window @ self.window))
 
     def coherence(self, other: Spectra) -> Array:
-        """Compute the coherence (F), 0 to 1, with another series of the same rows.
+        """Return the coherence (F), 0 to 1, with another series of the same rows.
 
         Args:
             other: its spectra

@@ -46,6 +46,9 @@ def suggested(arm: Arm, record: Record) -> Suggested:
         arm: the compiled model
         record: the log in windows
 
+    Returns:
+        The initial guess.
+
     """
     twisted = torsion(arm, record)
     seen = {name: value for twist in twisted for name, value in twist.seen.items()}

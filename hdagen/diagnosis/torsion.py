@@ -161,7 +161,7 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
         values = one.told(np.ones(len(one.parameters), bool), one.loaded)
         seen = {q.name: float(value) for q, value in zip(one.parameters, values, strict=False)}
         borne = one.twist - one.terms @ values[: len(seen)]
-        untold = np.interp(borne, law[1], law[0]) - one.torque  # what pushes the link back
+        untold = np.interp(borne, law[1], law[0]) - one.torque  # torque that pushes the link back
         sizes, shapes = _walls(arm, j, one.angle[one.shown], untold[one.shown])
         found.append(Twist(seen | _zeroed(j, seen) | sizes, shapes))
     return found

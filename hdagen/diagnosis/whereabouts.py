@@ -226,6 +226,9 @@ def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:
         joint: the joint
         entry: the effect, name@joint
 
+    Returns:
+        The residual before and after the verdict.
+
     """
     j, less, ok = joint - 1, sight.without(entry), sight.kept
     if place == "input" and sight.driven(joint):
