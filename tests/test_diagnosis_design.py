@@ -12,7 +12,8 @@ from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen.diagnosis import descent, fitting
-from hdagen.diagnosis.candidates import Atom, Column, Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import Atom, Column, Dictionary
 from hdagen.diagnosis.design import Design, Point, design, residual
 from hdagen.diagnosis.first_look import first
 from hdagen.diagnosis.fitting import anew

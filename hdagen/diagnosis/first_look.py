@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hdagen.diagnosis.candidates import SHARES, Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import SHARES, Dictionary
 from hdagen.diagnosis.design import Point, design
 from hdagen.diagnosis.fitting import Fitted, advanced, begun, sharing
 from hdagen.diagnosis.orders import with_orders

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import Dictionary
 from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.fit_order import bared, best_first, leaves_much
 from hdagen.diagnosis.fitting import Fitted, begun
