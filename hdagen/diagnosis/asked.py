@@ -30,8 +30,8 @@ def asked(arm: Arm, record: Record) -> Asked:
     encoder.
 
     Args:
-        arm: the compiled model
-        record: the log in windows
+        arm: the compiled model.
+        record: the log in windows.
 
     Returns:
         Smoothed motion and torque on an even grid.

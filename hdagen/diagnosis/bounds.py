@@ -16,10 +16,10 @@ def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
     released where its slope points inwards; the others are solved again.
 
     Args:
-        H: symmetric, positive definite (P, P)
-        g: right-hand side (P)
-        free: the minimum without bounds (P)
-        bounds: lowest and highest θ (P each)
+        H: symmetric, positive definite (P, P).
+        g: right-hand side (P).
+        free: the minimum without bounds (P).
+        bounds: lowest and highest θ (P each).
 
     Returns:
         θ (P).

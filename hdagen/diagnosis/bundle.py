@@ -33,8 +33,8 @@ class Bundle:
         """Compute the log evidence of each residual, with the windows reweighted until their noise scales converge.
 
         Args:
-            s: size of unexplained torque
-            spikes: prior standard deviations of θ for each residual (B, P)
+            s: size of unexplained torque.
+            spikes: prior standard deviations of θ for each residual (B, P).
 
         Returns:
             Log evidence (B).

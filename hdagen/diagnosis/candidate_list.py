@@ -15,9 +15,9 @@ def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()
     command and the input that acts is left out at joints whose measured input drives the model.
 
     Args:
-        arm: the compiled model
-        suggested: initial guess from the log
-        uncommanded: joints without a logged command
+        arm: the compiled model.
+        suggested: initial guess from the log.
+        uncommanded: joints without a logged command.
 
     Returns:
         All candidates with their columns.

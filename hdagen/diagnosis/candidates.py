@@ -60,7 +60,7 @@ class Atom:
         needs dry friction. None where the robot file has it, or the effect needs no other.
 
         Args:
-            arm: the compiled model
+            arm: the compiled model.
 
         """
         base = arm.parameters.described.get(f"coulomb_friction_{self.joint}")
@@ -73,7 +73,7 @@ class Atom:
         """Tell whether two effects differ at standstill only, so that a hypothesis with both says nothing.
 
         Args:
-            other: the other candidate
+            other: the other candidate.
 
         """
         return self.joint == other.joint and {self.effect, other.effect} == TWINS
@@ -82,8 +82,8 @@ class Atom:
         """Write the shapes, clipped to their bounds, into the parameters ``p`` (np).
 
         Args:
-            arm: the compiled model
-            p: parameters, changed in place
+            arm: the compiled model.
+            p: parameters, changed in place.
 
         """
         for name, value in self.shapes.items():
@@ -138,7 +138,7 @@ class Dictionary:
         """Bound θ by the parameters' limits, and an inactive effect by the largest size of a nuisance effect.
 
         Args:
-            arm: the compiled model
+            arm: the compiled model.
 
         Returns:
             Lowest and highest θ (P each).
@@ -159,7 +159,7 @@ class Dictionary:
         """Return the set with another spike width of the inactive effects, in typical sizes.
 
         Args:
-            share: spike width
+            share: spike width.
 
         """
         wider = share**2 - self.share**2
@@ -175,8 +175,8 @@ class Dictionary:
         """Return the set with a copy of a candidate with other shapes as the last one.
 
         Args:
-            k: place of the candidate
-            shapes: its new shapes by parameter
+            k: place of the candidate.
+            shapes: its new shapes by parameter.
 
         """
         atom = replace(self.atoms[k], shapes=dict(shapes), first=False)
@@ -187,7 +187,7 @@ class Dictionary:
         """Return the set with the same columns, in which a hypothesis' effects are active.
 
         Args:
-            atoms: places of its candidates
+            atoms: places of its candidates.
 
         """
         return replace(self, meant=frozenset(self.atoms[k].name for k in atoms))
@@ -196,7 +196,7 @@ class Dictionary:
         """Return the places of the amplitudes' columns that a hypothesis frees.
 
         Args:
-            atoms: places of its candidates
+            atoms: places of its candidates.
 
         """
         return np.array([c for c, column in enumerate(self.columns) if column.atom in atoms], int)
@@ -206,7 +206,7 @@ class Dictionary:
         its tolerance is as the robot file states.
 
         Args:
-            k: place of the candidate
+            k: place of the candidate.
 
         """
         return max(PRESENT, OFF * float(self.spike[self.free((k,))].max(initial=0.0)))
@@ -215,7 +215,7 @@ class Dictionary:
         """Return the places of the columns that only a hypothesis has: its amplitudes and shapes.
 
         Args:
-            atoms: places of its candidates
+            atoms: places of its candidates.
 
         """
         shapes = {shape for k in atoms for shape in self.atoms[k].shapes}
@@ -226,7 +226,7 @@ class Dictionary:
         widest spike takes all of it.
 
         Args:
-            p: parameters (np)
+            p: parameters (np).
 
         """
         widest: dict[str, int] = {}
@@ -247,7 +247,7 @@ class Dictionary:
         """Return the names of some candidates, name@joint, sorted.
 
         Args:
-            atoms: their places
+            atoms: their places.
 
         """
         return tuple(sorted(self.atoms[k].name for k in atoms))
@@ -257,9 +257,9 @@ class Dictionary:
         it needs.
 
         Args:
-            arm: the compiled model
-            k: place of the candidate
-            lead: places of the hypothesis' candidates
+            arm: the compiled model.
+            k: place of the candidate.
+            lead: places of the hypothesis' candidates.
 
         """
         atom, beside = self.atoms[k], [self.atoms[i] for i in lead]
@@ -271,8 +271,8 @@ class Dictionary:
         others the default ones.
 
         Args:
-            atoms: places of its candidates
-            every: keep all candidates of the other effects
+            atoms: places of its candidates.
+            every: keep all candidates of the other effects.
 
         """
         meant = {self.atoms[k].name for k in atoms}
@@ -290,9 +290,9 @@ class Dictionary:
         of its effects, and those of nuisance effects large enough to matter, become columns, too.
 
         Args:
-            arm: the compiled model
-            atoms: places of its candidates
-            p: parameters (np) of the point
+            arm: the compiled model.
+            atoms: places of its candidates.
+            p: parameters (np) of the point.
 
         """
         focus = self.focused(atoms)
@@ -325,7 +325,7 @@ def is_broad(parameter: Parameter) -> bool:
     """Tell whether a parameter's size spans orders of magnitude, so that its typical size says little.
 
     Args:
-        parameter: the parameter
+        parameter: the parameter.
 
     """
     return parameter.unit.endswith(BROAD) or parameter.name.startswith(BROAD_KEY)

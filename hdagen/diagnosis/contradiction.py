@@ -28,11 +28,11 @@ def find_contradiction(
     """Compare the verdict of a log with a hold-out.
 
     Args:
-        plain: the robot file's model
-        decision: the decision by the log alone
-        shown: the fitted motion of the log
-        simulate: replays it on an arm
-        motion: the hold-out
+        plain: the robot file's model.
+        decision: the decision by the log alone.
+        shown: the fitted motion of the log.
+        simulate: replays it on an arm.
+        motion: the hold-out.
 
     Returns:
         `contradicted` of diagnosis.json: ``verdict``, the verdict by the log alone; ``closed``, the share of the log's
@@ -40,7 +40,7 @@ def find_contradiction(
         of the same machine.
 
     Raises:
-        PlantError: a model cannot be simulated
+        PlantError: a model cannot be simulated.
 
     """
     if not _leaves_all(motion, motion.flexible):  # costs no simulation

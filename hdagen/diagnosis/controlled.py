@@ -51,15 +51,15 @@ def controlled(plain: Arm, machine: Arm, log: Log) -> Controlled:
     """Compare two controllers on a simulated machine.
 
     Args:
-        plain: the robot file's arm
-        machine: the arm with the verdict
-        log: gives range and speed of the motion
+        plain: the robot file's arm.
+        machine: the arm with the verdict.
+        log: gives range and speed of the motion.
 
     Returns:
         Tracking errors and contact forces.
 
     Raises:
-        PlantError: no controller can drive the arm, as without a limit of its torque
+        PlantError: no controller can drive the arm, as without a limit of its torque.
 
     """
     low, high, fastest = _motion(plain, log)

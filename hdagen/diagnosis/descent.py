@@ -28,10 +28,10 @@ def descend(at: Design, atoms: tuple[int, ...], lead: Scored, share: float) -> D
     hardly determine is a valley along which a full step would go much too far, so the trust radius limits each step.
 
     Args:
-        at: design with the hypothesis' columns
-        atoms: places of its candidates
-        lead: its score, with the size of unexplained torque
-        share: of that torque, that the steps allow
+        at: design with the hypothesis' columns.
+        atoms: places of its candidates.
+        lead: its score, with the size of unexplained torque.
+        share: of that torque, that the steps allow.
 
     Returns:
         The design at the last point; ``at`` itself where no step helped.
@@ -79,10 +79,10 @@ def move_to(at: Design, linear: Linear, s: float, theta: Array) -> Point:
     """Return the point at θ, with each window's initial state at its optimum for that θ.
 
     Args:
-        at: design with its point
-        linear: its linear model
-        s: size of unexplained torque
-        theta: θ (P)
+        at: design with its point.
+        linear: its linear model.
+        s: size of unexplained torque.
+        theta: θ (P).
 
     """
     begun = at.point.begun.copy()
@@ -95,10 +95,10 @@ def try_point(at: Design, linear: Linear, s: float, point: Point) -> tuple[Desig
     simulation diverges, the columns say little.
 
     Args:
-        at: design about the old point
-        linear: its linear model
-        s: size of unexplained torque
-        point: the new point
+        at: design about the old point.
+        linear: its linear model.
+        s: size of unexplained torque.
+        point: the new point.
 
     Returns:
         The design at the new point, and its linear model.
@@ -121,9 +121,9 @@ def placed(at: Design, theta: Array, begun: Array) -> Point:
     noise, where their columns are only approximate.
 
     Args:
-        at: design with its point
-        theta: θ (P)
-        begun: initial states (W, m)
+        at: design with its point.
+        theta: θ (P).
+        begun: initial states (W, m).
 
     """
     p = at.point.p.copy()
@@ -136,8 +136,8 @@ def prior_widths(at: Design, atoms: tuple[int, ...]) -> Array:
     """Return the prior standard deviations of θ (P) with the effects of a hypothesis free.
 
     Args:
-        at: design with its point
-        atoms: places of the hypothesis' candidates
+        at: design with its point.
+        atoms: places of the hypothesis' candidates.
 
     """
     return widths(at, at.words.free(atoms), at.point)
@@ -148,9 +148,9 @@ def widths(at: Design, free: NDArray[np.intp], point: Point) -> Array:
     magnitude has a prior as wide as its present size, if that is more than typical.
 
     Args:
-        at: design with the columns
-        free: places of the free columns
-        point: where the present sizes are taken
+        at: design with the columns.
+        free: places of the free columns.
+        point: where the present sizes are taken.
 
     """
     prior = at.words.spike

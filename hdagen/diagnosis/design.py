@@ -48,7 +48,7 @@ class Point:
         """Return the point with other initial states, which change the effects' memory little.
 
         Args:
-            begun: initial states (W, m)
+            begun: initial states (W, m).
 
         """
         return replace(self, begun=begun)
@@ -70,7 +70,7 @@ class Design:
         """Build the linear model, with the residual extrapolated to nominal parameters.
 
         Args:
-            temperature: the likelihood counts as its root of this order
+            temperature: the likelihood counts as its root of this order.
 
         Returns:
             Cross products of columns and residual, window by window.
@@ -88,8 +88,8 @@ class Design:
         """Pair the same columns with the residuals of other points.
 
         Args:
-            points: the B points
-            residuals: their residuals (B, R, M), in units of noise
+            points: the B points.
+            residuals: their residuals (B, R, M), in units of noise.
 
         Returns:
             All of these linear models at once.
@@ -130,7 +130,7 @@ class Design:
         """Return the design with another spike width of the inactive effects.
 
         Args:
-            share: spike width in typical sizes
+            share: spike width in typical sizes.
 
         """
         other = replace(self, words=self.words.sharing(share))
@@ -143,7 +143,7 @@ class Design:
         that has a corner or acts beyond a limit.
 
         Args:
-            places: places of their parameters
+            places: places of their parameters.
 
         """
         columns, head = self.columns.copy(), self.shooting.m + self.k
@@ -169,7 +169,7 @@ class Design:
         """Return the same columns with the simulated residual of another point.
 
         Args:
-            point: the other point
+            point: the other point.
 
         """
         read, memory = self.shooting.recalled(point.lane)
@@ -179,8 +179,8 @@ class Design:
         """Return the same columns with the residual of another point whose readings are known.
 
         Args:
-            point: the other point
-            read: predicted readings (R, M) there
+            point: the other point.
+            read: predicted readings (R, M) there.
 
         """
         other = Design(self.shooting, self.words, point, self.columns, residual(self.shooting, read), self.k)
@@ -192,8 +192,8 @@ def residual(shooting: Shooting, seen: Array) -> Array:
     """Subtract predicted from measured readings, limited to each channel's range.
 
     Args:
-        shooting: the record and its model
-        seen: predicted readings (…, R, M)
+        shooting: the record and its model.
+        seen: predicted readings (…, R, M).
 
     Returns:
         The residual in units of noise, of the same shape.
@@ -211,7 +211,7 @@ def torque_units(shooting: Shooting) -> Array:
     """Choose the unit of unexplained torque at each motor.
 
     Args:
-        shooting: the record and its model
+        shooting: the record and its model.
 
     Returns:
         The units (n), N m.
@@ -227,7 +227,7 @@ def uncertain_torque(shooting: Shooting) -> float:
     joint of least uncertainty counts.
 
     Args:
-        shooting: the record and its model
+        shooting: the record and its model.
 
     Returns:
         The uncertainty, in units of unexplained torque.
@@ -243,7 +243,7 @@ def knots(shooting: Shooting) -> int:
     they are, the more of a real machine's torque is taken for noise.
 
     Args:
-        shooting: the record and its model
+        shooting: the record and its model.
 
     """
     arm, record = shooting.arm, shooting.record
@@ -255,9 +255,9 @@ def design(shooting: Shooting, words: Dictionary, point: Point) -> Design:
     """Linearize a record about a point by one lane for each initial state, step of torque, and parameter.
 
     Args:
-        shooting: the record and its model
-        words: the parameters
-        point: where to linearize
+        shooting: the record and its model.
+        words: the parameters.
+        point: where to linearize.
 
     Returns:
         Sensitivities and residual at the point.
@@ -286,9 +286,9 @@ def chosen(at: Design, words: Dictionary, nearer: Design | None = None) -> Desig
     """Select columns of a design by the set of candidates that names them.
 
     Args:
-        at: the design with all columns
-        words: the candidates; columns that ``at`` lacks are left out
-        nearer: a design whose point and own columns are used in place of those of ``at``
+        at: the design with all columns.
+        words: the candidates; columns that ``at`` lacks are left out.
+        nearer: a design whose point and own columns are used in place of those of ``at``.
 
     Returns:
         The smaller design.

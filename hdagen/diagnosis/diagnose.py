@@ -68,18 +68,18 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
     """Diagnose logs of one machine together.
 
     Args:
-        robot: a preset or a robot.toml
-        logs: logs of the machine
+        robot: a preset or a robot.toml.
+        logs: logs of the machine.
         hold_out: other motions of the machine. Every other second of them decides which effects stand, and the gap is
             measured on the rest. Without them both happen on blocks that the fit does not use, a fifth of each log.
-        say: receives each stage as it begins
+        say: receives each stage as it begins.
 
     Returns:
         The verdict, and the content of diagnosis.json.
 
     Raises:
-        LogError: a log cannot carry a diagnosis
-        PlantError: the model cannot be loaded
+        LogError: a log cannot carry a diagnosis.
+        PlantError: the model cannot be loaded.
 
     """
     from threadpoolctl import threadpool_limits  # changes the environment when it is imported

@@ -63,8 +63,8 @@ class Posterior:
         the difference between hypotheses.
 
         Args:
-            prior: prior standard deviations of θ (P)
-            own: places of the columns that pay
+            prior: prior standard deviations of θ (P).
+            own: places of the columns that pay.
 
         """
         width = prior[own]
@@ -98,11 +98,11 @@ def posteriors(
     """Compute the posterior at several sizes of unexplained torque.
 
     Args:
-        linear: the linear model
-        spike: prior standard deviations of θ (P)
+        linear: the linear model.
+        spike: prior standard deviations of θ (P).
         near: a size to climb from to the best one, as the evidence may change between coarse sizes by as much as
-            separates hypotheses; without it, the coarse sizes, a decade or so apart
-        bounds: lowest and highest θ (P each)
+            separates hypotheses; without it, the coarse sizes, a decade or so apart.
+        bounds: lowest and highest θ (P each).
 
     Returns:
         The posteriors in the order of their sizes.
@@ -128,12 +128,12 @@ def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None
     converge.
 
     Args:
-        linear: the linear model
-        spike: prior standard deviations of θ (P)
-        s: size of unexplained torque
-        bounds: lowest and highest θ (P each)
+        linear: the linear model.
+        spike: prior standard deviations of θ (P).
+        s: size of unexplained torque.
+        bounds: lowest and highest θ (P each).
         reach: trust radius about the point of measurement, in prior standard deviations; the evidence then is not that
-            of the whole prior
+            of the whole prior.
 
     Returns:
         The posterior.
@@ -166,12 +166,12 @@ def posterior(
     without bounds it is exact.
 
     Args:
-        reduced: normal equations
-        spike: prior standard deviations of θ (P)
-        s: size of unexplained torque
-        kappa2: squared noise scales (W)
-        bounds: lowest and highest θ (P each)
-        temperature: the likelihood counts as its root of this order, the prior in full; default: that of ``reduced``
+        reduced: normal equations.
+        spike: prior standard deviations of θ (P).
+        s: size of unexplained torque.
+        kappa2: squared noise scales (W).
+        bounds: lowest and highest θ (P each).
+        temperature: the likelihood counts as its root of this order, the prior in full; default: that of ``reduced``.
 
     Returns:
         The posterior.
@@ -188,12 +188,12 @@ def laplace(
     """Compute a `posterior` from all windows together.
 
     Args:
-        summed: normal equations of all windows
-        spike: prior standard deviations of θ (P)
-        s: size of unexplained torque
-        kappa2: squared noise scales (W)
-        bounds: lowest and highest θ (P each)
-        temperature: the likelihood counts as its root of this order
+        summed: normal equations of all windows.
+        spike: prior standard deviations of θ (P).
+        s: size of unexplained torque.
+        kappa2: squared noise scales (W).
+        bounds: lowest and highest θ (P each).
+        temperature: the likelihood counts as its root of this order.
 
     Returns:
         The posterior.
@@ -231,10 +231,10 @@ def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
     Source: Dickey, Ann. Math. Stat. 42 (1971) 204.
 
     Args:
-        at: posterior under spikes alone
-        spike: its prior standard deviations (P)
-        free: places of the columns
-        slab: prior standard deviation of a free column
+        at: posterior under spikes alone.
+        spike: its prior standard deviations (P).
+        free: places of the columns.
+        slab: prior standard deviation of a free column.
 
     Returns:
         The gain; minus infinity where rounding makes it undefined.
@@ -256,12 +256,12 @@ def large(at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds
     does not determine keeps its prior probability.
 
     Args:
-        at: posterior under spikes alone
-        spike: its prior standard deviations (P)
-        free: places of the columns
-        least: size that counts as large
-        bounds: lowest and highest θ (P each)
-        slab: prior standard deviation of a free column
+        at: posterior under spikes alone.
+        spike: its prior standard deviations (P).
+        free: places of the columns.
+        least: size that counts as large.
+        bounds: lowest and highest θ (P each).
+        slab: prior standard deviation of a free column.
 
     Returns:
         The probability.
@@ -284,9 +284,9 @@ def score(found: Sequence[Posterior], words: Dictionary, hypotheses: Sequence[tu
     """Compute each hypothesis' evidence at its best (s, κ).
 
     Args:
-        found: posteriors under spikes alone, at several sizes s
-        words: the candidates
-        hypotheses: each a tuple of places of candidates
+        found: posteriors under spikes alone, at several sizes s.
+        words: the candidates.
+        hypotheses: each a tuple of places of candidates.
 
     Returns:
         The hypotheses, the most probable first.

@@ -17,7 +17,7 @@ def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
     """Fit the model without an effect, and prepare the candidates by it.
 
     Args:
-        shooting: the record and its model
+        shooting: the record and its model.
 
     Returns:
         All candidates with their initial guess, the orders of ripples, and the spike width (a small misfit without
@@ -35,8 +35,8 @@ def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
     """Fit no effect by a few steps, with the most probable spike width.
 
     Args:
-        shooting: the record and its model
-        words: all candidates
+        shooting: the record and its model.
+        words: all candidates.
 
     Returns:
         The fit.
@@ -52,7 +52,7 @@ def likeliest(fit: Fitted) -> Fitted:
     """Return a fit with the spike width that is most probable for it.
 
     Args:
-        fit: the fit
+        fit: the fit.
 
     """
     return max((sharing(fit, share) for share in SHARES), key=lambda one: one.score.at.evidence)
@@ -63,8 +63,8 @@ def first(shooting: Shooting, words: Dictionary) -> Point:
     nuisance sizes, and with walls and ripples where the log suggests them.
 
     Args:
-        shooting: the record and its model
-        words: all candidates
+        shooting: the record and its model.
+        words: all candidates.
 
     """
     p = shooting.arm.p.copy()

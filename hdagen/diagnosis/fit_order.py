@@ -21,9 +21,9 @@ def charge_effects(evidence: float, fit: Fitted, excess: float) -> float:
     """Subtract the prior's penalty for a fit's effects from its log evidence.
 
     Args:
-        evidence: the log evidence
-        fit: the fit, which has the effects
-        excess: temperature, in multiples of the least
+        evidence: the log evidence.
+        fit: the fit, which has the effects.
+        excess: temperature, in multiples of the least.
 
     Returns:
         The log evidence less the penalty.
@@ -36,8 +36,8 @@ def leaves_much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
     """Tell whether the best fit leaves much of the misfit that no effect leaves.
 
     Args:
-        lead: the best fit
-        fitted: all fits
+        lead: the best fit.
+        fitted: all fits.
 
     """
     none = next((f for f in fitted if not f.atoms), lead)
@@ -48,7 +48,7 @@ def is_beyond(fitted: Sequence[Fitted]) -> bool:
     """Tell whether no effect explains much of a large misfit. No two known effects will explain it then, either.
 
     Args:
-        fitted: all fits
+        fitted: all fits.
 
     """
     best = best_first(fitted)[0]
@@ -60,7 +60,7 @@ def first_whole(fits: Sequence[Fitted]) -> Fitted:
     """Return the best fit that still has its columns; a fit may become better after losing them.
 
     Args:
-        fits: fits, the best first
+        fits: fits, the best first.
 
     """
     return next(fit for fit in fits if fit.whole)
@@ -70,7 +70,7 @@ def bared(fits: Sequence[Fitted]) -> list[Fitted]:
     """Drop the columns of all fits but the best one that has some.
 
     Args:
-        fits: fits, the best first
+        fits: fits, the best first.
 
     Returns:
         The fits in the same order.
@@ -84,7 +84,7 @@ def promising_first(fits: Sequence[Fitted]) -> list[Fitted]:
     """Sort fits on their way by the evidence that the next step may reach.
 
     Args:
-        fits: fits in any order
+        fits: fits in any order.
 
     Returns:
         The fits, the most promising first.
@@ -97,7 +97,7 @@ def best_first(fits: Sequence[Fitted]) -> list[Fitted]:
     """Sort fits in the end by the evidence they have reached.
 
     Args:
-        fits: fits in any order
+        fits: fits in any order.
 
     Returns:
         The fits, the best first.
@@ -110,7 +110,7 @@ def keep_best_starts(fits: list[Fitted]) -> tuple[list[Fitted], list[Fitted]]:
     """Keep the first fit of each set, of several starts.
 
     Args:
-        fits: fits, the best first
+        fits: fits, the best first.
 
     Returns:
         These fits, and the others without their columns.
@@ -127,7 +127,7 @@ def place_by_size(fits: Sequence[Fitted]) -> Iterator[tuple[Fitted, int]]:
     a single effect.
 
     Args:
-        fits: fits, the best first
+        fits: fits, the best first.
 
     Yields:
         Each fit with its place, from 0.

@@ -71,8 +71,8 @@ class Fitted:
         nuisance effects, as far as the linear model holds.
 
         Args:
-            temperature: the likelihood counts as its root of this order
-            atoms: places of the subset's candidates; default: the whole hypothesis
+            temperature: the likelihood counts as its root of this order.
+            atoms: places of the subset's candidates; default: the whole hypothesis.
 
         Returns:
             The log evidence.
@@ -87,7 +87,7 @@ class Fitted:
         """Predict the log evidence of any hypothesis by the linear model at this point.
 
         Args:
-            atoms: places of its candidates
+            atoms: places of its candidates.
 
         Returns:
             The log evidence.
@@ -99,7 +99,7 @@ class Fitted:
         """Predict the optimum of any hypothesis by the linear model at this point.
 
         Args:
-            atoms: places of its candidates
+            atoms: places of its candidates.
 
         Returns:
             θ (P).
@@ -159,11 +159,11 @@ def begun(at: Design, words: Dictionary, atoms: tuple[int, ...], near: float, st
     """Start the fit of a hypothesis.
 
     Args:
-        at: design with the columns to select from
-        words: all candidates
-        atoms: places of the hypothesis' candidates
-        near: size of unexplained torque to start from
-        start: where to linearize again; default: the point of ``at``, with the shapes of the hypothesis
+        at: design with the columns to select from.
+        words: all candidates.
+        atoms: places of the hypothesis' candidates.
+        near: size of unexplained torque to start from.
+        start: where to linearize again; default: the point of ``at``, with the shapes of the hypothesis.
 
     Returns:
         The fit before its first step.
@@ -185,9 +185,9 @@ def lessened(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
     size. From the robot file's numbers it may not have found this optimum.
 
     Args:
-        fit: the fit of the larger hypothesis
-        words: all candidates
-        atoms: places of the smaller hypothesis' candidates
+        fit: the fit of the larger hypothesis.
+        words: all candidates.
+        atoms: places of the smaller hypothesis' candidates.
 
     Returns:
         The fit before its first step.
@@ -207,9 +207,9 @@ def instead(fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -> Fitted:
     from the robot file's numbers the hypothesis may not have found it.
 
     Args:
-        fit: the fit of another hypothesis
-        words: all candidates
-        atoms: places of the hypothesis' candidates
+        fit: the fit of another hypothesis.
+        words: all candidates.
+        atoms: places of the hypothesis' candidates.
 
     Returns:
         The fit before its first step.
@@ -227,10 +227,10 @@ def anew(start: Point, fit: Fitted, words: Dictionary, atoms: tuple[int, ...]) -
     the base parameters moved in their place, and may be stuck behind a valley.
 
     Args:
-        start: the point with the base parameters
-        fit: the fit with the effects' parameters
-        words: all candidates
-        atoms: places of the effects' candidates
+        start: the point with the base parameters.
+        fit: the fit with the effects' parameters.
+        words: all candidates.
+        atoms: places of the effects' candidates.
 
     Returns:
         The fit before its first step.
@@ -248,8 +248,8 @@ def again(fit: Fitted, words: Dictionary) -> Fitted:
     """Compute the dropped columns of a fit again at its present point.
 
     Args:
-        fit: the fit without columns
-        words: all candidates
+        fit: the fit without columns.
+        words: all candidates.
 
     Returns:
         The fit with its columns.
@@ -263,8 +263,8 @@ def sharing(fit: Fitted, share: float) -> Fitted:
     them.
 
     Args:
-        fit: the fit
-        share: spike width in typical sizes
+        fit: the fit.
+        share: spike width in typical sizes.
 
     """
     at = fit.design.sharing(share)
@@ -282,8 +282,8 @@ def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     reached, and where a step fails, which is counted.
 
     Args:
-        fit: the fit; returned as it is if it has converged
-        words: all candidates
+        fit: the fit; returned as it is if it has converged.
+        words: all candidates.
 
     Returns:
         The fit after the step.

@@ -67,7 +67,7 @@ class Spectrum:
         so models with any number of them can be compared.
 
         Args:
-            s: prior standard deviation of the torques
+            s: prior standard deviation of the torques.
 
         """
         return float(np.log1p(s**2 * self.power).sum()) + self.L.shape[1] * len(self.L)
@@ -76,7 +76,7 @@ class Spectrum:
         """Project residuals onto initial states (W, m, B), then rotated torques (W, k, B), then parameters (W, P, B).
 
         Args:
-            z: products of the columns with the residuals (W, C, B)
+            z: products of the columns with the residuals (W, C, B).
 
         """
         m, k = self.L.shape[1], self.turn.shape[1]
@@ -88,9 +88,9 @@ class Spectrum:
         """Eliminate the torques from projected residuals, too.
 
         Args:
-            heard: their projections
-            r2: squares of the residuals (W, B)
-            s: prior standard deviation of the torques
+            heard: their projections.
+            r2: squares of the residuals (W, B).
+            s: prior standard deviation of the torques.
 
         Returns:
             J'Cr (W, P, B) and r'Cr (W, B).
@@ -104,7 +104,7 @@ class Spectrum:
         """Return J'CJ (W, P, P) with the torques eliminated, too.
 
         Args:
-            s: prior standard deviation of the torques
+            s: prior standard deviation of the torques.
 
         """
         if s == 0.0:
@@ -132,7 +132,7 @@ class Gram:
         would transpose them.
 
         Args:
-            columns: places of the columns
+            columns: places of the columns.
 
         """
         found = np.empty((len(self.products), len(columns), len(columns)))
@@ -149,7 +149,7 @@ class Gram:
         """Return the degrees of freedom of each window (W).
 
         Args:
-            rows: rows of data (W)
+            rows: rows of data (W).
 
         """
         return np.maximum(rows - self.m, 1)
@@ -163,7 +163,7 @@ class Gram:
         """Return J'CJ (W, P, P); the last two results are kept.
 
         Args:
-            s: prior standard deviation of the torques
+            s: prior standard deviation of the torques.
 
         """
         found = self.kept.get(s)
@@ -207,7 +207,7 @@ class Linear:
         """Eliminate initial states and torques.
 
         Args:
-            s: prior standard deviation of the torques
+            s: prior standard deviation of the torques.
 
         Returns:
             Normal equations of each window for θ.
@@ -223,7 +223,7 @@ class Linear:
         """Return the misfit (W) at the point of measurement, as `Reduced.chi2` defines it.
 
         Args:
-            s: prior standard deviation of the torques
+            s: prior standard deviation of the torques.
 
         """
         if s not in self.stood:
@@ -234,8 +234,8 @@ class Linear:
         """Return minus twice the log posterior at the point of measurement, as `Reduced.cost` defines it.
 
         Args:
-            s: prior standard deviation of the torques
-            prior: prior standard deviations of θ (P)
+            s: prior standard deviation of the torques.
+            prior: prior standard deviations of θ (P).
 
         """
         return self.reduced(s).costs(self.theta, prior, self.chi2(s))
@@ -244,8 +244,8 @@ class Linear:
         """Solve for the initial states and torques that go with θ.
 
         Args:
-            s: prior standard deviation of the torques
-            theta: θ (P)
+            s: prior standard deviation of the torques.
+            theta: θ (P).
 
         Returns:
             Changes of the initial states (W, m) and torques (W, k), in their units.
@@ -279,7 +279,7 @@ class Reduced:
         """Return the equations for θ less a center.
 
         Args:
-            center: the center (P)
+            center: the center (P).
 
         """
         N = self._times(center)
@@ -293,7 +293,7 @@ class Reduced:
         """Return the sum over all windows.
 
         Args:
-            kappa2: squared noise scales (W)
+            kappa2: squared noise scales (W).
 
         """
         weight = 1.0 / kappa2
@@ -304,7 +304,7 @@ class Reduced:
         """Return the misfit of each window (W), in units of noise, squared; at least the rounding error of its terms.
 
         Args:
-            theta: θ (P)
+            theta: θ (P).
 
         """
         return left(self.N, self.b[..., None], self.c[:, None], theta[:, None])[:, 0]
@@ -314,7 +314,7 @@ class Reduced:
         rather give up windows than explain them.
 
         Args:
-            theta: θ (P)
+            theta: θ (P).
 
         """
         return self.scaled(self.chi2(theta))
@@ -323,7 +323,7 @@ class Reduced:
         """Return the same from the misfit.
 
         Args:
-            left: misfit of each window (W)
+            left: misfit of each window (W).
 
         """
         return scaled(left, self.freedom)
@@ -332,9 +332,9 @@ class Reduced:
         """Return minus twice the log posterior of θ, but for constants.
 
         Args:
-            theta: θ (P)
-            prior: prior standard deviations of θ (P)
-            kappa2: squared noise scales (W); without them each window takes its own
+            theta: θ (P).
+            prior: prior standard deviations of θ (P).
+            kappa2: squared noise scales (W); without them each window takes its own.
 
         """
         return self.costs(theta, prior, self.chi2(theta), kappa2)
@@ -343,10 +343,10 @@ class Reduced:
         """Return the same from the misfit.
 
         Args:
-            theta: θ (P)
-            prior: prior standard deviations of θ (P)
-            left: misfit of each window (W)
-            kappa2: squared noise scales (W); without them each window takes its own
+            theta: θ (P).
+            prior: prior standard deviations of θ (P).
+            left: misfit of each window (W).
+            kappa2: squared noise scales (W); without them each window takes its own.
 
         """
         if kappa2 is None:
@@ -359,10 +359,10 @@ def left(N: Array, b: Array, c: Array, theta: Array) -> Array:
     """Return the misfit (W, B) of residuals with the same columns, each at its own θ, as `Reduced.chi2` does for one.
 
     Args:
-        N: J'CJ (W, P, P)
-        b: J'Cr (W, P, B)
-        c: r'Cr (W, B)
-        theta: θ (P, B)
+        N: J'CJ (W, P, P).
+        b: J'Cr (W, P, B).
+        c: r'Cr (W, B).
+        theta: θ (P, B).
 
     """
     told = np.einsum("wpb,pb->wb", b, theta)
@@ -375,8 +375,8 @@ def scaled(left: Array, freedom: Array) -> Array:
     """Return the squared noise scales κ² of windows.
 
     Args:
-        left: their misfit
-        freedom: their degrees of freedom
+        left: their misfit.
+        freedom: their degrees of freedom.
 
     """
     chance = freedom * (1.0 + CHANCE * np.sqrt(2.0 / freedom))

@@ -45,7 +45,7 @@ class MeasuredMotion:
         """Tell whether a joint's input is logged both as commanded and as measured.
 
         Args:
-            joint: the joint
+            joint: the joint.
 
         """
         name = self.arm.input_names[joint - 1]
@@ -55,7 +55,7 @@ class MeasuredMotion:
         """Name the input of a joint: current or torque.
 
         Args:
-            joint: the joint
+            joint: the joint.
 
         """
         if self.arm.input_names[joint - 1].startswith("motor_current"):
@@ -66,7 +66,7 @@ class MeasuredMotion:
         """Return the unit of a joint's input.
 
         Args:
-            joint: the joint
+            joint: the joint.
 
         """
         return {"current": "A", "torque": "N m"}[self.input_word(joint)]
@@ -91,7 +91,7 @@ class MeasuredMotion:
         """Return logged samples, interpolated at the instants (K).
 
         Args:
-            values: samples (T)
+            values: samples (T).
 
         """
         return np.asarray(np.interp(self.time, self.log.time, values))
@@ -138,8 +138,8 @@ class MeasuredMotion:
         """Return a state as the sensors read it (K).
 
         Args:
-            quantity: its name without the joint, such as motor_position
-            j: the joint
+            quantity: its name without the joint, such as motor_position.
+            j: the joint.
 
         """
         name = f"{quantity}_{j}"
@@ -152,7 +152,7 @@ class MeasuredMotion:
         """Pass columns through the filter that every part of a torque balance passes.
 
         Args:
-            values: columns (K, k)
+            values: columns (K, k).
 
         Returns:
             The filtered columns (K, k).
@@ -182,7 +182,7 @@ class MeasuredMotion:
         friction of both signs mixes.
 
         Args:
-            joint: the joint
+            joint: the joint.
 
         """
         direction = self.direction[:, joint - 1]

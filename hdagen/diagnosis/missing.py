@@ -53,7 +53,7 @@ class Sight(MeasuredMotion):
         """Convert the readings into states.
 
         Args:
-            p: parameters (np) of the sensors
+            p: parameters (np) of the sensors.
 
         Returns:
             States (K, nx).
@@ -66,7 +66,7 @@ class Sight(MeasuredMotion):
         commands.
 
         Args:
-            p: parameters (np)
+            p: parameters (np).
 
         Returns:
             Inputs (K, nu).
@@ -84,7 +84,7 @@ class Sight(MeasuredMotion):
         """Simulate the inputs from the commands, row by row.
 
         Args:
-            p: parameters (np)
+            p: parameters (np).
 
         Returns:
             Effective inputs, and the readings of them (T, nu each).
@@ -97,7 +97,7 @@ class Sight(MeasuredMotion):
         """Simulate the readings of the joints' torque sensors.
 
         Args:
-            p: parameters (np)
+            p: parameters (np).
 
         Returns:
             Readings (K, n), N m, smoothed.
@@ -109,8 +109,8 @@ class Sight(MeasuredMotion):
         """Compute the model's accelerations, unfiltered.
 
         Args:
-            p: parameters (np)
-            x: states (K, nx)
+            p: parameters (np).
+            x: states (K, nx).
 
         Returns:
             Of motors (0 in rigid drives) and of joints (K, n each), rad/s².
@@ -128,7 +128,7 @@ class Sight(MeasuredMotion):
         """Compute the residual torque of a model.
 
         Args:
-            p: parameters (np)
+            p: parameters (np).
 
         Returns:
             Torque at motors and links.
@@ -168,7 +168,7 @@ class Sight(MeasuredMotion):
         """Return the inertias of the motors (n), kg m².
 
         Args:
-            p: parameters (np)
+            p: parameters (np).
 
         """
         names = list(self.arm.parameters.described)
@@ -178,9 +178,9 @@ class Sight(MeasuredMotion):
         """Compute the torque that accelerates the links.
 
         Args:
-            p: parameters (np)
-            x: states (K, nx)
-            acceleration: of the joints (K, n), rad/s²
+            p: parameters (np).
+            x: states (K, nx).
+            acceleration: of the joints (K, n), rad/s².
 
         Returns:
             Torque at the links (K, n), N m.
@@ -193,8 +193,8 @@ class Sight(MeasuredMotion):
         """Compute the torque that a change of parameters adds in the states of ``p``, filtered as the residual.
 
         Args:
-            p: parameters (np)
-            less: parameters (np) to subtract
+            p: parameters (np).
+            less: parameters (np) to subtract.
 
         Returns:
             Torque at motors and links.
@@ -212,7 +212,7 @@ class Sight(MeasuredMotion):
         """Return the parameters (np) after the verdict, with one effect as the robot file has it.
 
         Args:
-            entry: the effect, name@joint
+            entry: the effect, name@joint.
 
         """
         p = self.after.copy()
@@ -224,7 +224,7 @@ class Sight(MeasuredMotion):
         """Compute the torque that the measured motion of the links requires of the transmission.
 
         Args:
-            p: parameters (np)
+            p: parameters (np).
 
         Returns:
             Torque (K, n), N m, smoothed.
@@ -236,7 +236,7 @@ class Sight(MeasuredMotion):
         """Compute the stiffness of the springs under that torque.
 
         Args:
-            p: parameters (np)
+            p: parameters (np).
 
         Returns:
             Stiffness (K, n), N m/rad.
@@ -252,8 +252,8 @@ class Sight(MeasuredMotion):
         """Compute the change of the joint encoders' readings by a change of parameters.
 
         Args:
-            p: parameters (np)
-            less: parameters (np) to subtract
+            p: parameters (np).
+            less: parameters (np) to subtract.
 
         Returns:
             Angles (K, n), rad, smoothed.
@@ -271,17 +271,17 @@ def look(arm: Arm, content: Mapping[str, Any], log: Log, before: Replay, after: 
     """Compare a log with the model before and after a verdict.
 
     Args:
-        arm: a model that has the verdict's effects
-        content: content of a diagnosis.json
-        log: the log of both replays
-        before: replay of the robot file
-        after: replay of the verdict
+        arm: a model that has the verdict's effects.
+        content: content of a diagnosis.json.
+        log: the log of both replays.
+        before: replay of the robot file.
+        after: replay of the verdict.
 
     Returns:
         The torque balance of the log.
 
     Raises:
-        PlantError: the arm lacks a parameter of the verdict
+        PlantError: the arm lacks a parameter of the verdict.
 
     """
     said = verdict.read(content)

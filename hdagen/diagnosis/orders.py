@@ -30,8 +30,8 @@ def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
     """Put the orders that the log shows before the usual ones.
 
     Args:
-        nothing: the fit without an effect
-        suggested: the initial guess to extend
+        nothing: the fit without an effect.
+        suggested: the initial guess to extend.
 
     Returns:
         The initial guess with these orders.
@@ -50,8 +50,8 @@ def heard(lead: Fitted, words: Dictionary) -> Dictionary:
     """Add a ripple of each joint's clearest order in the leader's residual, unless the candidates have it.
 
     Args:
-        lead: the leading fit
-        words: all candidates
+        lead: the leading fit.
+        words: all candidates.
 
     Returns:
         The larger set.

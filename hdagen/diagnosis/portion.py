@@ -38,7 +38,7 @@ class Portion:
         """Take all rows of a log.
 
         Args:
-            log: the log
+            log: the log.
 
         Returns:
             The portion that holds every row.
@@ -55,8 +55,8 @@ class Portion:
         """Leave some windows out. Where no row would remain, nothing is left out.
 
         Args:
-            windows: first rows of the windows to leave out
-            starts: first row of every window (W)
+            windows: first rows of the windows to leave out.
+            starts: first row of every window (W).
 
         Returns:
             The smaller portion.
@@ -74,7 +74,7 @@ class Portion:
         """Tell which instants lie in the portion, each by its nearest row.
 
         Args:
-            time: instants (K), s
+            time: instants (K), s.
 
         Returns:
             A mask (K).
@@ -87,9 +87,9 @@ def part(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = (
     """Split logs into fitted and held-out rows.
 
     Args:
-        logs: logs of one machine
-        hold_out: other motions of the same machine; without any, blocks of each log are held out
-        fresh: a mask (T) for each log and then for each hold-out, of the rows that count; without any, all rows count
+        logs: logs of one machine.
+        hold_out: other motions of the same machine; without any, blocks of each log are held out.
+        fresh: a mask (T) for each log and then for each hold-out, of the rows that count; without any, all rows count.
 
     Returns:
         The fitted portion and the held-out portion.
@@ -108,7 +108,7 @@ def halve(portion: Portion) -> tuple[Portion, Portion]:
     itself.
 
     Args:
-        portion: rows of held-out logs
+        portion: rows of held-out logs.
 
     Returns:
         The even seconds and the odd seconds; twice the whole portion where one of them would be empty.
@@ -126,7 +126,7 @@ def blocks(time: Array) -> Mask:
     """Choose the rows of a log that are held out.
 
     Args:
-        time: instants of the rows (T), s
+        time: instants of the rows (T), s.
 
     Returns:
         A mask (T) of the held-out blocks.

@@ -43,16 +43,16 @@ def weigh_predictions(
     """Compute the log odds that prediction over long windows costs the fitted sets.
 
     Args:
-        found: the search, with each set at its optimum
-        shown: the motion that the fits used
-        replay: replays ``shown`` on an arm
+        found: the search, with each set at its optimum.
+        shown: the motion that the fits used.
+        replay: replays ``shown`` on an arm.
 
     Returns:
         For no effect and each of the most promising sets, by their names: 0, or less for a set whose error exceeds
         `MARGIN` times the best one's.
 
     Raises:
-        PlantError: a model cannot be simulated
+        PlantError: a model cannot be simulated.
 
     """
     sets: dict[tuple[str, ...], Fitted] = {}
@@ -68,7 +68,7 @@ def compare_errors(errors: Array) -> Array:
     """Compute the log odds that each model's errors cost it.
 
     Args:
-        errors: errors of each model (L, blocks), in multiples of the noise
+        errors: errors of each model (L, blocks), in multiples of the noise.
 
     Returns:
         Log odds (L), at most 0.

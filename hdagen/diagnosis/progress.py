@@ -43,7 +43,7 @@ class Progress:
         """Print a line for a stage.
 
         Args:
-            stage: its sentence
+            stage: its sentence.
 
         """
         with self.lock:

@@ -70,7 +70,7 @@ class Record:
         """List the rows of some windows, window by window.
 
         Args:
-            windows: places of the windows
+            windows: places of the windows.
 
         Returns:
             Rows of the log.
@@ -103,7 +103,7 @@ class Record:
         diverges or yields no number counts as wrong by the whole range.
 
         Args:
-            seen: predicted readings (…, S, M), in the channels' units
+            seen: predicted readings (…, S, M), in the channels' units.
 
         Returns:
             The differences, of the same shape.
@@ -153,15 +153,15 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
     """Cut the fitted portion of a log into windows.
 
     Args:
-        arm: the compiled model
-        seen: rows that the fit may use
-        window: length of a window, s
+        arm: the compiled model.
+        seen: rows that the fit may use.
+        window: length of a window, s.
 
     Returns:
         The record.
 
     Raises:
-        LogError: the log lacks an input or a position
+        LogError: the log lacks an input or a position.
 
     """
     log = seen.log
@@ -245,8 +245,8 @@ def usual_torque(arm: Arm, record: Record) -> Array:
     """Measure the usual size of each motor's commanded torque.
 
     Args:
-        arm: the compiled model
-        record: the log in windows
+        arm: the compiled model.
+        record: the log in windows.
 
     Returns:
         Root mean square (n), N m.

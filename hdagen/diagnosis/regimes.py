@@ -71,8 +71,8 @@ def explained(quantity: Array, regressors: Sequence[Regressor]) -> list[Explaine
     Source: Theiler et al., Physica D 58 (1992) 77.
 
     Args:
-        quantity: the quantity (K)
-        regressors: series of the same instants
+        quantity: the quantity (K).
+        regressors: series of the same instants.
 
     Returns:
         The shares, the largest first; a constant regressor is left out.
@@ -108,9 +108,9 @@ def periodic(quantity: Array, angle: Array, orders: Sequence[int]) -> list[Perio
     Source: Theiler et al., Physica D 58 (1992) 77.
 
     Args:
-        quantity: the quantity (K)
-        angle: the angle (K), rad
-        orders: orders to try
+        quantity: the quantity (K).
+        angle: the angle (K), rad.
+        orders: orders to try.
 
     Returns:
         The shares, the largest first.
@@ -138,8 +138,8 @@ def concentrated(energy: Array, regressors: Sequence[Regressor]) -> list[Concent
     Source: Theiler et al., Physica D 58 (1992) 77.
 
     Args:
-        energy: energy (K), which may be negative in places
-        regressors: series of the same instants
+        energy: energy (K), which may be negative in places.
+        regressors: series of the same instants.
 
     Returns:
         The concentrations, the strongest first; none where the total energy is not positive.

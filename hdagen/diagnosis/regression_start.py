@@ -72,9 +72,9 @@ class Regression:
         """Regress the visible rows of a record.
 
         Args:
-            arm: the compiled model
-            record: the log in windows
-            words: all candidates
+            arm: the compiled model.
+            record: the log in windows.
+            words: all candidates.
 
         Returns:
             The regression; None where there is too little motion.
@@ -129,7 +129,7 @@ class Regression:
         its residual.
 
         Args:
-            atoms: places of the set's candidates
+            atoms: places of the set's candidates.
 
         Returns:
             The set with its sizes.
@@ -176,9 +176,9 @@ def begin_sets(regression: Regression, at: Design, near: float) -> list[Fitted]:
     """Start fits at the best sets of several effects, each at its regressed sizes.
 
     Args:
-        regression: the regression of the record, with the candidates of ``at``
-        at: sensitivities about the robot file's numbers
-        near: size of unexplained torque to start from
+        regression: the regression of the record, with the candidates of ``at``.
+        at: sensitivities about the robot file's numbers.
+        near: size of unexplained torque to start from.
 
     Returns:
         The fits, the smallest set first.

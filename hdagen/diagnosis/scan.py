@@ -42,10 +42,10 @@ def scan(
     the candidate.
 
     Args:
-        at: sensitivities at the point to start from
-        words: all candidates
-        lead: score of the leading hypothesis, if there is one
-        far: θ (P) at which some candidates are tried, too
+        at: sensitivities at the point to start from.
+        words: all candidates.
+        lead: score of the leading hypothesis, if there is one.
+        far: θ (P) at which some candidates are tried, too.
 
     Returns:
         The starts by candidate.
@@ -130,10 +130,10 @@ def put_sizes(at: Design, words: Dictionary, atoms: tuple[int, ...], theta: Arra
     """Return the point of ``at`` with some candidates in their shapes and at given sizes, within their bounds.
 
     Args:
-        at: design with its point
-        words: all candidates
-        atoms: places of the candidates
-        theta: θ (P)
+        at: design with its point.
+        words: all candidates.
+        atoms: places of the candidates.
+        theta: θ (P).
 
     """
     for k in atoms:
@@ -146,9 +146,9 @@ def put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
     """Return the point of ``at`` with a candidate's shapes and given parameters, within their bounds.
 
     Args:
-        at: design with its point
-        atom: the candidate
-        values: parameters by their place in p
+        at: design with its point.
+        atom: the candidate.
+        values: parameters by their place in p.
 
     """
     p, begun = at.point.p.copy(), at.point.begun

@@ -72,9 +72,9 @@ def search(shooting: Shooting, words: Dictionary, say: Callable[[str], None]) ->
     leading ones are fitted, then sets of them.
 
     Args:
-        shooting: the record and its model
-        words: all candidates
-        say: receives a sentence as each stage begins
+        shooting: the record and its model.
+        words: all candidates.
+        say: receives a sentence as each stage begins.
 
     Returns:
         The fits, and the screening.
@@ -144,11 +144,11 @@ def raced(
     one may be a third that stands in for both.
 
     Args:
-        at: sensitivities about the robot file's numbers
-        words: all candidates
-        field: the hypotheses, which are used up
-        say: receives a sentence as each fit begins
-        least: log evidence that the best must reach before effects are added to it
+        at: sensitivities about the robot file's numbers.
+        words: all candidates.
+        field: the hypotheses, which are used up.
+        say: receives a sentence as each fit begins.
+        least: log evidence that the best must reach before effects are added to it.
 
     Returns:
         The fits, the best first, the others without their columns.

@@ -36,18 +36,18 @@ def with_springs(
     """Compare the search's result with a model that has springs in its rigid joints.
 
     Args:
-        robot: a preset or a robot.toml
-        arm: the compiled model
-        seen: the record
-        window: length of a window, s
-        found: the result of the search
-        say: receives a sentence as each stage begins
+        robot: a preset or a robot.toml.
+        arm: the compiled model.
+        seen: the record.
+        window: length of a window, s.
+        found: the result of the search.
+        say: receives a sentence as each stage begins.
 
     Returns:
         ``found`` with the fits of the model with springs.
 
     Raises:
-        PlantError: the model cannot be loaded
+        PlantError: the model cannot be loaded.
 
     """
     if len(arm.manifest["flexible"]) == arm.n:

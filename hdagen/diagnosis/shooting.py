@@ -174,7 +174,7 @@ class Shooting:
         """Predict the readings of one lane.
 
         Args:
-            lane: the simulation
+            lane: the simulation.
 
         Returns:
             Readings (S, M) in the channels' units.
@@ -186,7 +186,7 @@ class Shooting:
         """Predict the readings of one lane and keep the memory of its effects.
 
         Args:
-            lane: the simulation
+            lane: the simulation.
 
         Returns:
             Readings (S, M), and the effects' own states (K, nx − m) at which the selected windows begin.
@@ -202,8 +202,8 @@ class Shooting:
         a torque should only act in its own window.
 
         Args:
-            base: the lane whose memory is known
-            lanes: the lanes near it
+            base: the lane whose memory is known.
+            lanes: the lanes near it.
 
         Returns:
             Readings (S, M) of each lane.
@@ -222,7 +222,7 @@ class Shooting:
         """Predict the readings of many lanes.
 
         Args:
-            lanes: the simulations
+            lanes: the simulations.
 
         Returns:
             Readings (S, M) of each lane.
@@ -258,7 +258,7 @@ class Shooting:
         """Simulate one lane.
 
         Args:
-            lane: the simulation
+            lane: the simulation.
 
         Returns:
             Its states (R, nx).
@@ -271,7 +271,7 @@ class Shooting:
         """Read the initial states from the sensors. No spring begins with more torsion than it bears.
 
         Args:
-            p: parameters (np) of the sensors
+            p: parameters (np) of the sensors.
 
         Returns:
             Positions and velocities (W, m) at the windows' starts.

@@ -28,10 +28,10 @@ def find_moments(before: Replay, after: Replay, portion: Portion, logs: Sequence
     third as much.
 
     Args:
-        before: the replay of the robot file
-        after: the replay of the verdict
-        portion: all rows that count, those that a fit used among them
-        logs: the logs that are joined in it
+        before: the replay of the robot file.
+        after: the replay of the verdict.
+        portion: all rows that count, those that a fit used among them.
+        logs: the logs that are joined in it.
 
     Returns:
         For each joint: ``joint``, ``log``, ``span`` of that second, and ``noise``, the remaining error in it, in

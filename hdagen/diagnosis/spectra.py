@@ -33,9 +33,9 @@ class Spectra:
         """Transform a series by segments that overlap by half, each without its mean and under Hann's window.
 
         Args:
-            values: the series (K)
-            period: sampling period, s
-            segment: length of a segment, s
+            values: the series (K).
+            period: sampling period, s.
+            segment: length of a segment, s.
 
         Returns:
             The spectra.
@@ -61,7 +61,7 @@ class Spectra:
         """Return the coherence (F), 0 to 1, with another series of the same rows.
 
         Args:
-            other: its spectra
+            other: its spectra.
 
         """
         cross = np.abs((self.segments * other.segments.conj()).mean(0)) ** 2
@@ -77,7 +77,7 @@ class Spectra:
         """Return the probability that noise alone has as much coherence at one frequency.
 
         Args:
-            coherence: the coherence, 0 to 1
+            coherence: the coherence, 0 to 1.
 
         """
         return float((1.0 - coherence) ** self.free)
@@ -99,9 +99,9 @@ def loudest(of: Spectra, other: Spectra, passed: NDArray[np.bool_]) -> Band | No
     """Find the octave in which a series has most energy.
 
     Args:
-        of: spectra of the series
-        other: spectra of another series, for the coherence
-        passed: mask of the frequencies to use (F)
+        of: spectra of the series.
+        other: spectra of another series, for the coherence.
+        passed: mask of the frequencies to use (F).
 
     Returns:
         The octave; None where there is no energy.
@@ -129,10 +129,10 @@ def beside_input(
     """Compare series with the input of a motor over frequency.
 
     Args:
-        sight: the torque balance
-        joint: the joint
-        at: mask of the instants (K) of the series
-        series: the series, one value for each of these instants
+        sight: the torque balance.
+        joint: the joint.
+        at: mask of the instants (K) of the series.
+        series: the series, one value for each of these instants.
 
     Returns:
         A mask of the frequencies (F) that the balance's filter passes, and the spectra of the input and of each series.

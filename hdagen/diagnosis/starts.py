@@ -43,8 +43,8 @@ def suggested(arm: Arm, record: Record) -> Suggested:
     """Make the initial guess of a log.
 
     Args:
-        arm: the compiled model
-        record: the log in windows
+        arm: the compiled model.
+        record: the log in windows.
 
     Returns:
         The initial guess.
@@ -101,8 +101,8 @@ def driven(arm: Arm, record: Record) -> Iterator[tuple[str, str, int, float, flo
     """Fit each input effect by itself to the measured input of its joint, from the commands alone.
 
     Args:
-        arm: the compiled model
-        record: the log in windows
+        arm: the compiled model.
+        record: the log in windows.
 
     Yields:
         The effect's name, its amplitude's name, the joint, the best value, and the error (rms) as a share of the error
@@ -133,12 +133,12 @@ def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) 
     """Split one input effect into two that may both be there. The one that a fit found may have stood in for both.
 
     Args:
-        arm: the compiled model
-        record: the log in windows
-        p: parameters (np) with the effect found
-        there: amplitude of that effect
-        beside: amplitude of the second effect
-        j: the joint
+        arm: the compiled model.
+        record: the log in windows.
+        p: parameters (np) with the effect found.
+        there: amplitude of that effect.
+        beside: amplitude of the second effect.
+        j: the joint.
 
     Returns:
         The values of both with which the commands explain the measured input best.

@@ -65,8 +65,8 @@ class Between:
         """Regress the twist on some of the terms and on torque.
 
         Args:
-            which: mask of the parameters (P)
-            rows: mask of the instants (T) to use
+            which: mask of the parameters (P).
+            rows: mask of the instants (T) to use.
 
         Returns:
             Coefficients (P + B); 0 for the other parameters, and for all of them where there is no row, as for a joint
@@ -86,8 +86,8 @@ class Between:
         """Subtract the regressed terms from the twist.
 
         Args:
-            values: coefficients (P + B)
-            rows: mask of the instants (T)
+            values: coefficients (P + B).
+            rows: mask of the instants (T).
 
         Returns:
             The residual in these instants.
@@ -101,8 +101,8 @@ def between(arm: Arm, record: Record) -> list[Between]:
     """Compare the encoders of each flexible joint that has both.
 
     Args:
-        arm: the compiled model
-        record: the log in windows
+        arm: the compiled model.
+        record: the log in windows.
 
     Returns:
         One difference a joint.
@@ -148,8 +148,8 @@ def torsion(arm: Arm, record: Record) -> list[Twist]:
     """Estimate parameters from the difference between the encoders of each flexible joint that has both.
 
     Args:
-        arm: the compiled model
-        record: the log in windows
+        arm: the compiled model.
+        record: the log in windows.
 
     Returns:
         The estimates of each joint.

@@ -32,7 +32,7 @@ class UnseenMotion:
         """Measure the gap: `gap` of diagnosis.json.
 
         Args:
-            after: a replay of the same logs
+            after: a replay of the same logs.
 
         Returns:
             The error that it leaves, compared with that of the robot file.
@@ -52,17 +52,17 @@ def measure_unseen(
     """Replay held-out motion without any effect.
 
     Args:
-        plain: the robot file's model
-        base: its parameters as fitted with no effect
-        shown: the motion to which a correction without structure is fitted
-        portion: the held-out motion
-        simulate: replays its logs on an arm
+        plain: the robot file's model.
+        base: its parameters as fitted with no effect.
+        shown: the motion to which a correction without structure is fitted.
+        portion: the held-out motion.
+        simulate: replays its logs on an arm.
 
     Returns:
         That motion, without windows that begin in motion at a guessed velocity, whose error would be the guess's.
 
     Raises:
-        PlantError: a model cannot be simulated
+        PlantError: a model cannot be simulated.
 
     """
     refitted = verdict.applied(plain, base)[0]

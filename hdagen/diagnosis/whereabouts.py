@@ -66,9 +66,9 @@ def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str
     """Locate the gap: `where` of diagnosis.json.
 
     Args:
-        sight: the torque balance before and after the verdict
-        content: content of a diagnosis.json
-        rows: mask of the log's rows (T) to count
+        sight: the torque balance before and after the verdict.
+        content: content of a diagnosis.json.
+        rows: mask of the log's rows (T) to count.
 
     Returns:
         The verdict's effects in its order, unknown ones last, then the places of base parameters that close a share.
@@ -101,8 +101,8 @@ def place_of(sight: Sight, entry: str) -> str:
     """Return the place of an effect, as its equation states.
 
     Args:
-        sight: the torque balance
-        entry: the effect, name@joint
+        sight: the torque balance.
+        entry: the effect, name@joint.
 
     """
     effect = entry.partition("@")[0]
@@ -221,10 +221,10 @@ def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:
     """Compute the residual as it shows at one place of a joint, and the part of an effect in it.
 
     Args:
-        sight: the torque balance
-        place: input, motor, transmission, link or sensor
-        joint: the joint
-        entry: the effect, name@joint
+        sight: the torque balance.
+        place: input, motor, transmission, link or sensor.
+        joint: the joint.
+        entry: the effect, name@joint.
 
     Returns:
         The residual before and after the verdict.
@@ -276,9 +276,9 @@ def regressors(sight: Sight, joint: int, at: np.ndarray) -> list[Regressor]:
     """List the regressors that a residual may depend on.
 
     Args:
-        sight: the torque balance
-        joint: the joint
-        at: mask of the instants (K)
+        sight: the torque balance.
+        joint: the joint.
+        at: mask of the instants (K).
 
     """
     column, torque = sight.column, sight.link_torque(sight.after)
@@ -304,8 +304,8 @@ def since_reversal(sight: Sight, joint: int) -> Array:
     """Measure the time since the motor last changed its direction, or since the log's begin.
 
     Args:
-        sight: the torque balance
-        joint: the joint
+        sight: the torque balance.
+        joint: the joint.
 
     Returns:
         Time (K), s.

@@ -36,8 +36,8 @@ def whiteness(error: Array, lags: int) -> Whiteness:
     Source: Ljung, Box, Biometrika 65 (1978) 297.
 
     Args:
-        error: the series (T), T > 2 ``lags``
-        lags: largest lag, rows, at least LAGS
+        error: the series (T), T > 2 ``lags``.
+        lags: largest lag, rows, at least LAGS.
 
     Returns:
         Its correlation and the test.
@@ -61,9 +61,9 @@ def of_replay(replay: Replay, held: Portion, lags: int) -> dict[str, Whiteness]:
     """Test the held-out replay error of every channel that the gap counts; held-out blocks are joined.
 
     Args:
-        replay: the replay
-        held: the held-out rows
-        lags: largest lag, rows
+        replay: the replay.
+        held: the held-out rows.
+        lags: largest lag, rows.
 
     Returns:
         The test by channel.
