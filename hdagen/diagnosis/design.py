@@ -32,8 +32,8 @@ REACTION = 0.01  # s, in which a moved initial velocity moves its position by ST
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where the model is linearized: parameters (np), initial states (W, m), and ``memory``, the effects' own states
-    (K, nx − m) at which the selected windows begin, known once the model has run through all windows."""
+    """Where the model is linearized: parameters (np) and initial states (W, m). ``memory``: effects' own states (K, nx
+    − m) at which the selected windows begin, known once the model has run through all windows."""
 
     p: Array
     begun: Array

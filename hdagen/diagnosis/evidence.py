@@ -100,8 +100,8 @@ def posteriors(
     Args:
         linear: the linear model.
         spike: prior standard deviations of θ (P).
-        near: a size to climb from to the best one, as the evidence may change between coarse sizes by as much as
-            separates hypotheses; without it, the coarse sizes, a decade or so apart.
+        near: a size from which to climb to the best one, as the evidence may change between coarse sizes by as much as
+            separates hypotheses; without it, a coarse grid of sizes is taken.
         bounds: lowest and highest θ (P each).
 
     Returns:

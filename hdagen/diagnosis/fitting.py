@@ -278,7 +278,7 @@ def sharing(fit: Fitted, share: float) -> Fitted:
 
 def advanced(fit: Fitted, words: Dictionary) -> Fitted:
     """Take one step and linearize again there: about another point the columns of nuisance effects give a wrong
-    likelihood. A fit has converged where the linear model predicts no gain, where no step improves on what it has
+    likelihood. A fit has converged where the linear model predicts no gain, where no step improves on the evidence
     reached, and where a step fails, which is counted.
 
     Args:

@@ -1,8 +1,8 @@
 """How the C library's malloc keeps freed memory.
 
 A diagnosis makes arrays of a few sizes by the hundred, in threads. By default glibc keeps large ones in pieces that the
-next ones do not fit, which takes a third more memory, and returns small ones at once, so that the next ones come in
-pages that must be cleared, one thread at a time: a tenth of the time.
+next ones do not fit, which takes a third more memory. It returns small ones at once, so that the next ones come in
+pages that must be cleared, one thread at a time. That takes a tenth of the time.
 """
 
 from __future__ import annotations

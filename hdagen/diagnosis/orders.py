@@ -1,9 +1,10 @@
 """The order of a motor's ripple: how often the unexplained torque repeats in a turn of the motor.
 
 Cogging and commutation repeat a whole number of times in a turn. Small steps do not lead from one order to another, so
-the order is read from the log: first with no effect active and all of them as nuisances, as small amounts of them would
-hide it; then from the residual of a leader, whose effect may have hidden it. The smoothed unexplained torque of each
-part of a window is compared with the mean sine and cosine over the rows of that part.
+the order is read from the log. The first time no effect is active and all of them are nuisances, as small amounts of an
+effect would hide the ripple; the second time it is read from the residual of a leader, which may have hidden it. The
+smoothed unexplained torque of each part of a window is compared with the mean sine and cosine over the rows of that
+part.
 """
 
 from __future__ import annotations

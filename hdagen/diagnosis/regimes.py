@@ -1,10 +1,10 @@
 """The regime in which a residual concentrates: speed, load, angle, time, …, each with its share and significance.
 
-Two questions are asked of every regressor: how much of the residual's variance do the means of its bins explain, and
-how much of its energy lies in one end bin? Of an angle a third one: how much of the residual repeats with it, once in a
-turn or more often? Neighbouring samples depend on each other, so the significance comes from circular shifts: residual
-and regressor keep their own course in time, and only their match is broken. The significance is multiplied by the
-number of regressors, as the best of them is looked for.
+Two questions are asked of every regressor. How much of the residual's variance do the means of its bins explain? How
+much of its energy lies in one end bin? Of an angle a third one is asked: how much of the residual repeats with it, once
+in a turn or more often? Neighbouring samples depend on each other, so the significance comes from circular shifts:
+residual and regressor keep their own course in time, and only their match is broken. The significance is multiplied by
+the number of regressors, as the best of them is looked for.
 
 Source: Theiler et al., Physica D 58 (1992) 77 (surrogates that keep the spectrum); Besag, Clifford, Biometrika 76
 (1989) 633 (Monte Carlo significance).

@@ -359,8 +359,9 @@ def _clean(fit: Fitted) -> bool:
 
 
 def _beside(at: Design, words: Dictionary, lead: Fitted) -> list[Fitted]:
-    """Start the leader with one more effect: with those that promise most, with those at their nuisance bound, as the
-    slope in a bent valley promises little of them, and with ripples of an order that the leader's residual shows."""
+    """Start the leader with one more effect: with those that promise most, with those at their nuisance bound, and with
+    ripples of an order that the leader's residual shows. In a bent valley, the slope promises little of an effect at
+    its bound."""
     full = chosen(at, words.focused(lead.atoms, every=True), lead.design)
     others = [k for k in range(len(words.atoms)) if words.atoms[k].name not in full.words.meant]
     hypotheses = [lead.atoms, *((*lead.atoms, k) for k in others)]

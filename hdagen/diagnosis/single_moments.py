@@ -1,8 +1,8 @@
 """Events that happen once: nearly all of a joint's remaining error lies within one second of the motion.
 
 A wall that is touched once, or a current at its limit for an instant, lies in a few windows of a fit, or in none where
-that second is held out. An effect is named by what it does again and again, so such an event cannot be named. Where no
-effect is named, an event makes that unsure.
+that second is held out. An effect is named by its repeated action, so such an event cannot be named. Where no effect is
+named, an event makes that unsure.
 """
 
 from __future__ import annotations

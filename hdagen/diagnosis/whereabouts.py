@@ -1,9 +1,9 @@
 """Where the gap lies: joint and place with their share of the gap that the verdict closes, and the regime in which it
 shows.
 
-A share is the gap that returns when one part is taken out of the model after the verdict, an effect or the base
-parameters of one place, in windows that begin in the states of the replay after the verdict. Shares are taken of the
-logarithm of the gap, as the gap itself is a geometric mean, and sum to 1.
+A share is the gap that returns when one part is taken out of the model after the verdict: an effect, or the base
+parameters of one place. Windows begin in the states of the replay after the verdict. Shares are taken of the logarithm
+of the gap, as the gap itself is a geometric mean, and sum to 1.
 
 Legend: T rows, W windows, K instants.
 """
