@@ -131,7 +131,7 @@ class Dictionary:
 
     @property
     def spike(self) -> Array:
-        """Prior standard deviations (P) of the hypothesis without an effect."""
+        """Prior standard deviations (P) of the null model."""
         return np.array([c.spike for c in self.columns])
 
     def bounds(self, arm: Arm) -> tuple[Array, Array]:

@@ -14,14 +14,14 @@ LOOKS = 2  # steps of the fit
 
 
 def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
-    """Fit the model without an effect, and prepare the candidates by it.
+    """Fit the null model, and prepare the candidates by it.
 
     Args:
         shooting: the record and its model.
 
     Returns:
-        All candidates with their initial guess, the orders of ripples, and the spike width (a small misfit without
-        effects leaves no room for large ones); and the fit without an effect.
+        All candidates with their initial guess, the orders of ripples, and the spike width (a small misfit of the null
+        model leaves no room for large effects); and the fitted null model.
 
     """
     hints = suggested(shooting.arm, shooting.record)
@@ -32,7 +32,7 @@ def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
 
 
 def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
-    """Fit no effect by a few steps, with the most probable spike width.
+    """Fit the null model by a few steps, with its most probable spike width.
 
     Args:
         shooting: the record and its model.

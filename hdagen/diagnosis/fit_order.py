@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from hdagen.diagnosis.fitting import Fitted
 
 DEAR = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
-MUCH = 0.25  # of the misfit of no effect, in log evidence: with more of it left, one effect may stand in for two
+MUCH = 0.25  # of the null model's misfit, in log evidence: with more of it left, one effect may stand in for two
 BEYOND = 0.85  # of the same: with more of it left, no second effect is looked for; of 16 logs of two effects none left
 # more than 0.76, of 12 logs of something unknown 7 did
 LOST = 500.0  # log evidence that it must be, too, as the likelihood is tempered
@@ -33,7 +33,7 @@ def charge_effects(evidence: float, fit: Fitted, excess: float) -> float:
 
 
 def leaves_much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
-    """Tell whether the best fit leaves much of the misfit that no effect leaves.
+    """Tell whether the best fit leaves much of the null model's misfit.
 
     Args:
         lead: the best fit.
@@ -45,7 +45,7 @@ def leaves_much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
 
 
 def is_beyond(fitted: Sequence[Fitted]) -> bool:
-    """Tell whether no effect explains much of a large misfit. No two known effects will explain it then, either.
+    """Tell whether known effects explain little of a large misfit: then no two of them will explain it, either.
 
     Args:
         fitted: all fits.
@@ -123,8 +123,8 @@ def keep_best_starts(fits: list[Fitted]) -> tuple[list[Fitted], list[Fitted]]:
 
 
 def place_by_size(fits: Sequence[Fitted]) -> Iterator[tuple[Fitted, int]]:
-    """Count for each fit the better ones with as many effects, no effect counting as one. So a set takes no place from
-    a single effect.
+    """Count for each fit the better ones with as many effects, the null model counting as one effect. So a set takes no
+    place from a single effect.
 
     Args:
         fits: fits, the best first.

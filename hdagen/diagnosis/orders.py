@@ -31,7 +31,7 @@ def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
     """Put the orders that the log shows before the usual ones.
 
     Args:
-        nothing: the fit without an effect.
+        nothing: the fitted null model.
         suggested: the initial guess to extend.
 
     Returns:

@@ -34,7 +34,7 @@ from hdagen.replay import Replay
 from hdagen.together import together
 
 MARGIN = 1.5  # times the best set's error, up to which short windows decide; `standing.MOST` grants the same
-MOST = 8  # sets beside the one without an effect: each costs a replay of the log
+MOST = 8  # sets beside the null model: each costs a replay of the log
 
 
 def weigh_predictions(
@@ -48,7 +48,7 @@ def weigh_predictions(
         replay: replays ``shown`` on an arm.
 
     Returns:
-        For no effect and each of the most promising sets, by their names: 0, or less for a set whose error exceeds
+        For the null model and each of the most promising sets, by their names: 0, or less for a set whose error exceeds
         `MARGIN` times the best one's.
 
     Raises:

@@ -31,7 +31,7 @@ from hdagen.diagnosis.scan import Start, put, scan
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.together import together
 
-FIELD = (9, 5, 3)  # hypotheses beside no effect in each round of the race
+FIELD = (9, 5, 3)  # hypotheses beside the null model in each round of the race
 MOST = 3  # effects at once
 FURTHER = (5, 3, 2)  # the same as FIELD for further effects beside a leader
 BRIM, MOST_BRIMMING = 2.5, 2  # spike widths, from which a nuisance effect is at its bound; at most so many are tried
@@ -42,11 +42,11 @@ BARELY = 3.0  # temperatures by which a larger set must lead: as much may still 
 LONGEST = 3  # further steps at most, each for another temperature of log evidence
 FEWER = 3  # rounds for hypotheses that start at the leader's point: its subsets and look-alikes
 ALIKE, MOST_ALIKE = 40.0, 3  # temperatures behind the leader, in its linear model, of a look-alike; at most so many
-SETTLING = 2  # hypotheses beside no effect that go on after the race
+SETTLING = 2  # hypotheses beside the null model that go on after the race
 ALONE = 2  # round after which a set with two starts keeps the better one
-TRAILING = 1 / 3  # of the leader's gain over no effect, below which a hypothesis is dropped
+TRAILING = 1 / 3  # of the leader's gain over the null model, below which a hypothesis is dropped
 FAINT = 0.1  # the same before the first step
-OUTDONE = 10.0  # times the best one's misfit, from which no effect is dropped
+OUTDONE = 10.0  # times the best one's misfit, from which the null model is dropped
 HOPELESS = 20.0  # temperatures behind the leader, from which a hypothesis is not fitted to its end
 CLOSE, MOST_CLOSE = 10.0, 4  # temperatures behind the best, that make a close call; at most so many are settled
 STEPS = 8  # further steps of each of them at most
@@ -58,9 +58,9 @@ Begin = tuple[Callable[[Fitted, Dictionary, tuple[int, ...]], Fitted], tuple[int
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The result of a search. ``fitted``: no effect, the leading effects and sets of them, each at its optimum, the
-    most probable first. ``screened``: every effect that the log could show, in the linear model about the robot file's
-    numbers, the most probable first."""
+    """The result of a search. ``fitted``: the null model, the leading effects and sets of them, each at its optimum,
+    the most probable first. ``screened``: every effect that the log could show, in the linear model about the robot
+    file's numbers, the most probable first."""
 
     words: Dictionary
     fitted: tuple[Fitted, ...]
@@ -97,7 +97,7 @@ def search(shooting: Shooting, words: Dictionary, say: Callable[[str], None]) ->
 
 
 def _screened(at: Design) -> list[Scored]:
-    """Score no effect and every effect that a channel shows, in the linear model, the most probable first."""
+    """Score the null model and every effect that a channel shows, in the linear model, the most probable first."""
     silent, words, arm = at.silent(), at.words, at.shooting.arm
     singles = [(), *((k,) for k in range(len(words.atoms)) if k not in silent)]
     scored, spike = score(posteriors(at.linear(), words.spike), words, singles), words.spike
@@ -314,9 +314,9 @@ def _race(field: list[Fitted], words: Dictionary, sizes: tuple[int, ...], say: C
 
 
 def _parted(fits: list[Fitted], share: float, most: int) -> tuple[list[Fitted], list[Fitted]]:
-    """Split fits, the best first, into those that go on and the others, without their columns. No effect goes on unless
-    it is outdone. Of the others the first ``most`` go on that gain a ``share`` of the best one's gain or are close to
-    it."""
+    """Split fits, the best first, into those that go on and the others, without their columns. The null model goes on
+    unless it is outdone. Of the others the first ``most`` go on that gain a ``share`` of the best one's gain or are
+    close to it."""
     none, lead = next((f.score.evidence for f in fits if not f.atoms), -np.inf), fits[0]
     least = -np.inf
     if none > -np.inf:
@@ -343,7 +343,7 @@ def _deserved(fits: list[Fitted]) -> list[Fitted]:
 
 
 def _outdone(none: Fitted, lead: Fitted) -> bool:
-    """Tell whether no effect will leave many times the misfit of the best one."""
+    """Tell whether the null model will leave many times the misfit of the best fit."""
     return none.clean - none.score.evidence > OUTDONE * max(lead.clean - lead.reached, lead.excess)
 
 
