@@ -17,7 +17,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from hdagen.diagnosis.candidates import SILENT, Column, Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import SILENT, Column, Dictionary
 from hdagen.diagnosis.design import Design, Point, design
 from hdagen.diagnosis.evidence import posteriors, score
 from hdagen.diagnosis.linear import Linear

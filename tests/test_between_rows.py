@@ -9,7 +9,7 @@ import pytest
 from replayed import FLEXIBLE, simulated
 
 from hdagen.between_rows import between_rows
-from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.candidate_list import dictionary
 from hdagen.diagnosis.design import knots, torque_units, uncertain_torque
 from hdagen.diagnosis.evidence import TORQUES, posteriors
 from hdagen.diagnosis.linear import Gram, Linear

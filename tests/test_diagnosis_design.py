@@ -11,8 +11,9 @@ import pytest
 from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
-from hdagen.diagnosis import fitting
-from hdagen.diagnosis.candidates import Atom, Column, Dictionary, dictionary
+from hdagen.diagnosis import descent, fitting
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import Atom, Column, Dictionary
 from hdagen.diagnosis.design import Design, Point, design, residual
 from hdagen.diagnosis.first_look import first
 from hdagen.diagnosis.fitting import anew
@@ -108,10 +109,10 @@ def test_a_window_on_the_wrong_side_begins_anew_where_the_encoders_say(shooting:
     kept = shooting.record.kept
     found = begun.copy()
     found[kept, shooting.m - 1] += 1e-5  # rad/s
-    assert fitting._freed(at := design(shooting, words, Point(p, found)), 0.1) is at
+    assert descent._freed(at := design(shooting, words, Point(p, found)), 0.1) is at
     wrong, lost = found.copy(), kept[len(kept) // 2]
     wrong[lost, shooting.m // 2 :] = -50.0
-    again = fitting._freed(design(shooting, words, Point(p, found)).moved(Point(p, wrong)), 0.1).point.begun
+    again = descent._freed(design(shooting, words, Point(p, found)).moved(Point(p, wrong)), 0.1).point.begun
     np.testing.assert_array_equal(again[lost], begun[lost])
     np.testing.assert_array_equal(np.delete(again, lost, 0), np.delete(found, lost, 0))
 

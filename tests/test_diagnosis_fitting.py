@@ -11,10 +11,12 @@ import pytest
 from hdagen.diagnosis import fitting, scan, search
 from hdagen.diagnosis.bundle import Bundle
 from hdagen.diagnosis.candidates import Atom, Column, Dictionary
+from hdagen.diagnosis.descent import ENOUGH
 from hdagen.diagnosis.evidence import TORQUES, laplace, posteriors, settled
-from hdagen.diagnosis.fitting import ENOUGH, STIFF, Fitted, advanced
+from hdagen.diagnosis.fit_order import DEAR, first_whole
+from hdagen.diagnosis.fitting import STIFF, Fitted, advanced
 from hdagen.diagnosis.linear import Gram, Linear, Reduced
-from hdagen.diagnosis.search import CLOSE, DEAR, FAINTLY, OUTDONE, WORTH, _deserved, _promising, _race
+from hdagen.diagnosis.search import CLOSE, FAINTLY, OUTDONE, WORTH, _deserved, _promising, _race
 
 
 def shaken(s: float) -> Linear:
@@ -200,7 +202,7 @@ def test_a_set_leads_only_if_it_is_ahead_by_more_than_the_prior_takes(ahead: flo
     field: Any = [Whole(atoms=tuple(n), names=n, score=SimpleNamespace(evidence=e), reached=e) for n, e in ends.items()]
     found = _deserved(field)
     assert [f.names for f in found] == list(ends)  # none is lost
-    assert search.first_whole(found).names == leads
+    assert first_whole(found).names == leads
 
 
 @pytest.mark.parametrize(("lacks", "rounds"), [(0.9 * OUTDONE, 3), (1.1 * OUTDONE, 0)])

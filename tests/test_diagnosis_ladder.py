@@ -11,7 +11,8 @@ import pytest
 from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
-from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import Dictionary
 from hdagen.diagnosis.decide import Hypothesis
 from hdagen.diagnosis.findings import LIKELY, _instead
 from hdagen.diagnosis.gap import gap

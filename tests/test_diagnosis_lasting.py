@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from compiled import Compiled
 
-from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.candidate_list import dictionary
 from hdagen.diagnosis.lasting import Lasting
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record

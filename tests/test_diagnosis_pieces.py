@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from test_diagnosis import problem
 
-from hdagen.diagnosis import search
+from hdagen.diagnosis import fit_order, search
 from hdagen.diagnosis.candidates import PRESENT, SHARES, Atom, Column, Dictionary
+from hdagen.diagnosis.descent import prior_widths
 from hdagen.diagnosis.design import FEWEST_ROWS, FEWEST_STEPS, STEPS, knots
 from hdagen.diagnosis.evidence import laplace, settled
-from hdagen.diagnosis.fitting import _prior
+from hdagen.diagnosis.fit_order import bared, first_whole
 from hdagen.diagnosis.foreign import foreign
 from hdagen.diagnosis.linear import Gram, Linear, Summed
 from hdagen.diagnosis.memory import kept
-from hdagen.diagnosis.search import BRIM, _brimming, bared, first_whole
+from hdagen.diagnosis.search import BRIM, _brimming
 from hdagen.diagnosis.told import Told
 from hdagen.diagnosis.torsion import _bounds, _regressed, _walls, _zeroed
 
@@ -81,7 +82,7 @@ def test_only_walls_and_dampers_come_in_all_orders_of_magnitude(unit: str, width
     described = {name: SimpleNamespace(name=name, unit=u) for name, u in {"mass_1": "kg", "amplitude": unit}.items()}
     arm = SimpleNamespace(parameters=SimpleNamespace(described=described))
     at: Any = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm), point=SimpleNamespace(p=np.zeros(2)))
-    np.testing.assert_allclose(_prior(at, (0,)), [SHARES[0], width])
+    np.testing.assert_allclose(prior_widths(at, (0,)), [SHARES[0], width])
 
 
 def test_the_search_goes_on_from_what_has_its_columns_still() -> None:
@@ -154,9 +155,9 @@ def test_where_no_effect_tells_anything_no_second_one_is_looked_for() -> None:
         pairs = (((), none), ((1,), best))
         return [SimpleNamespace(atoms=atoms, clean=0.0, reached=-lacks) for atoms, lacks in pairs]
 
-    assert search._beyond(fits(1300.0, 1240.0))
-    assert not search._beyond(fits(1300.0, 900.0))  # it tells a third
-    assert not search._beyond(fits(400.0, 390.0))  # little is left to be told at all
+    assert fit_order.is_beyond(fits(1300.0, 1240.0))
+    assert not fit_order.is_beyond(fits(1300.0, 900.0))  # it tells a third
+    assert not fit_order.is_beyond(fits(400.0, 390.0))  # little is left to be told at all
 
 
 # -- what a motion tells ----------------------------------------------------------------------------------------------

@@ -10,7 +10,8 @@ from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen.columns import commanded
-from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import Dictionary
 from hdagen.diagnosis.first_look import first_look
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import record

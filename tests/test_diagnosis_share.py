@@ -9,7 +9,8 @@ import pytest
 from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
-from hdagen.diagnosis.candidates import SHARES, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import SHARES
 from hdagen.diagnosis.design import TEMPERATURE
 from hdagen.diagnosis.findings import hypothetical
 from hdagen.diagnosis.first_look import nothing

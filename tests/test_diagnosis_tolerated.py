@@ -13,7 +13,8 @@ from compiled import Compiled
 from replayed import FLEXIBLE, simulated
 
 from hdagen import verdict
-from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import Dictionary
 from hdagen.diagnosis.findings import estimates, hypothetical
 from hdagen.diagnosis.gap import gap
 from hdagen.diagnosis.portion import Portion

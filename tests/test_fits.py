@@ -11,7 +11,8 @@ from numpy.linalg import LinAlgError
 from test_shooting import shooting
 
 from hdagen.diagnosis import fitting
-from hdagen.diagnosis.candidates import SHARES, TOLERATED, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import SHARES, TOLERATED
 from hdagen.diagnosis.design import TEMPERATURE, Point, design
 from hdagen.diagnosis.fitting import Fitted, advanced, begun, instead
 from hdagen.diagnosis.starts import suggested

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from replayed import simulated
 
-from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.candidate_list import dictionary
 from hdagen.diagnosis.design import Point, design
 from hdagen.diagnosis.portion import SHARE, SPAN, SPANS, Portion, blocks, halve, part
 from hdagen.diagnosis.record import record

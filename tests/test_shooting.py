@@ -13,7 +13,7 @@ from replayed import FLEXIBLE, MEMORY, NOISE, SENSORS, simulated
 
 from gen.effects import ALL
 from hdagen import late
-from hdagen.diagnosis.candidates import dictionary
+from hdagen.diagnosis.candidate_list import dictionary
 from hdagen.diagnosis.design import Point, _differences, _moved, design, residual
 from hdagen.diagnosis.first_look import first
 from hdagen.diagnosis.fitting import advanced, lessened

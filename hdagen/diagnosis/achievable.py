@@ -102,7 +102,7 @@ def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Re
 
 
 def _sight(arm: Arm, log: Log, of: Replay) -> Sight:
-    return Sight(arm, log, arm.p, arm.p, {}, (of, of))
+    return Sight(arm, log, (of, of), arm.p, arm.p, {})
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
-"""The torque that the links' motion asks for: the inverse dynamics at the measured motion, smoothed without lag.
+"""The torque that the measured motion requires: inverse dynamics of motion smoothed without lag.
 
-Legend: K even instants, n joints.
+Legend: K instants of an even grid, n joints.
 """
 
 from __future__ import annotations
@@ -26,7 +26,17 @@ class Asked:
 
 
 def asked(arm: Arm, record: Record) -> Asked:
-    """What a record asks for; of a joint without an encoder its motor's angle tells."""
+    """Compute the torque that a recorded motion requires at the joints. The motor's angle stands in for a missing joint
+    encoder.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+
+    Returns:
+        Smoothed motion and torque on an even grid.
+
+    """
     log, n = record.log, arm.n
     grid = even(log.time)
     q = np.stack([grid.smooth(column) for column in joint_angles(arm, log).T], 1)

@@ -1,4 +1,4 @@
-"""The most probable parameters within bounds."""
+"""Quadratic minimization within bounds."""
 
 from __future__ import annotations
 
@@ -6,15 +6,24 @@ import numpy as np
 
 from hdagen.plant import Array
 
-MOST_CHANGES = 20  # of what is held at its bounds
+MOST_CHANGES = 20  # of the active set
 
 Bounds = tuple[Array, Array]  # lowest and highest θ (P)
 
 
 def bounded(H: Array, g: Array, free: Array, bounds: Bounds) -> Array:
-    """θ with the least ½ θ'Hθ − g'θ within ``bounds``, ``free`` being that without them.
+    """Minimize ½ θ'Hθ − g'θ within bounds by an active set. A parameter that leaves its bounds is held there, and
+    released where its slope points inwards; the others are solved again.
 
-    What leaves its bounds is held there, and let go again where its slope points inwards; the rest is solved anew.
+    Args:
+        H: symmetric, positive definite (P, P).
+        g: right-hand side (P).
+        free: the minimum without bounds (P).
+        bounds: lowest and highest θ (P each).
+
+    Returns:
+        θ (P).
+
     """
     low, high = bounds
     theta, held = free.copy(), np.zeros(len(free), bool)

@@ -1,7 +1,7 @@
-"""Many residuals in the same columns, each judged by itself, all at once.
+"""Evidence of many residuals of the same columns, all at once.
 
-What `hdagen.diagnosis.evidence.settled` does for one of them is products of one large matrix with small vectors, window
-by window; for all of them these are products of matrices, which take a small part of the time.
+For one residual, `hdagen.diagnosis.evidence.settled` multiplies one large matrix by small vectors, window by window.
+For all residuals together these are products of matrices, which take a small part of the time.
 
 Legend: as in `hdagen.diagnosis.linear`; B residuals.
 """
@@ -19,8 +19,8 @@ from hdagen.plant import Array
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """Columns with residuals: ``z`` the products with them (B, W, C), ``r2`` their own (B, W); ``rows`` of data (W);
-    ``theta`` where each was measured (B, P); ``temperature``: the likelihood counts as its root of that order."""
+    """Columns with residuals: ``z``, products with them (B, W, C); ``r2``, their squares (B, W); ``rows`` of data (W);
+    ``theta`` where each was measured (B, P); ``temperature``: the likelihood counts as its root of this order."""
 
     gram: Gram
     z: Array
@@ -30,8 +30,16 @@ class Bundle:
     temperature: float
 
     def evidences(self, s: float, spikes: Array) -> Array:
-        """Log evidence of each (B) with torques of size ``s`` unexplained, under prior standard deviations of its own
-        (B, P), the windows weighed anew until their scales stand."""
+        """Compute the log evidence of each residual, with the windows reweighted until their noise scales converge.
+
+        Args:
+            s: size of unexplained torque.
+            spikes: prior standard deviations of θ for each residual (B, P).
+
+        Returns:
+            Log evidence (B).
+
+        """
         spectrum, N = self.gram.spectrum, self.gram.left(s)
         b, c = spectrum.residuals(spectrum.heard(self.z.transpose(1, 2, 0)), self.r2.T, s)
         windows, P = b.shape[:2]

@@ -1,10 +1,10 @@
-"""Whether a hold-out contradicts the log: nothing that tells the log tells anything of it.
+"""Whether a hold-out contradicts the log: nothing that explains the log explains any of it.
 
-A hold-out judges what a log says, and so must be of the same machine. Where it is not, as that of another robot of the
-same type, no effect stands on it, and all of its error would be said to be unknown. What tells is the log itself: the
-model that explains it, and the best that a correction without structure makes of it, close nearly nothing of what any
-joint errs by on the hold-out. A single joint that is told better, or what is left there being near the noise, speaks
-for the same machine. So does a log that the model does not explain: then there may be something unknown in both.
+A hold-out judges the verdict of a log, so it must come from the same machine. From another machine of the same type, it
+would withdraw every effect, and all of its error would count as unknown. The log itself tells: the model that explains
+it, and the best correction without structure made from it, close nearly nothing of any joint's error on the hold-out. A
+single joint with a smaller error, or a remaining error near the noise, speaks for the same machine. So does a log that
+the model does not explain: then both may hold the same unknown effect.
 """
 
 from __future__ import annotations
@@ -25,18 +25,19 @@ from hdagen.replay import Replay
 def find_contradiction(
     plain: Arm, decision: Decision, shown: Portion, simulate: Callable[[Arm], Replay], motion: UnseenMotion
 ) -> dict[str, Any] | None:
-    """Hold what explains a log against a hold-out.
+    """Compare the verdict of a log with a hold-out.
 
     Args:
         plain: the robot file's model.
-        decision: what the log says by itself.
-        shown: the log's motion that the fit saw.
+        decision: the decision by the log alone.
+        shown: the fitted motion of the log.
         simulate: replays it on an arm.
         motion: the hold-out.
 
     Returns:
-        `contradicted` of diagnosis.json: ``verdict``, what would be said, ``closed``, what share of the log's own gap
-        that closes, and ``left`` of the hold-out's; None where the hold-out may be of the same machine.
+        `contradicted` of diagnosis.json: ``verdict``, the verdict by the log alone; ``closed``, the share of the log's
+        own gap that it closes; ``left``, the share of the hold-out's gap that remains. None where the hold-out may be
+        of the same machine.
 
     Raises:
         PlantError: a model cannot be simulated.
@@ -57,5 +58,5 @@ def find_contradiction(
 
 
 def _leaves_all(motion: UnseenMotion, after: Replay) -> bool:
-    """Whether a replay closes next to nothing of what any joint errs by."""
+    """Tell whether a replay closes next to nothing of any joint's error."""
     return min(leave_errors(motion.before, after, motion.portion).values(), default=0.0) >= NOTHING

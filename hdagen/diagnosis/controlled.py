@@ -1,9 +1,9 @@
-"""What the verdict changes for a controller, in simulation.
+"""How the verdict changes control, in simulation.
 
-The machine is the model with the verdict; two controllers drive it, one that knows the robot file and one that knows
-the verdict, as `hdagen adopt` and a build would give it. Both follow a swing within the motion of the log, as fast as
-it; then joint 1 leads the tip into a stiff wall. The laws' disturbance observer makes up for much of what a model
-misses at the motor, so a large gap in replay may change little here: that is for the reader to see.
+The model with the verdict stands in for the machine. Two controllers drive it: one knows the robot file, one knows the
+verdict, as `hdagen adopt` and a build would give it. Both follow a swing within the log's range and speed; then joint 1
+leads the tip into a stiff wall. The laws' disturbance observer compensates much of a model's error at the motor, so a
+large gap in replay may change little here. The reader shall see that.
 """
 
 from __future__ import annotations
@@ -22,34 +22,46 @@ from hdagen.simulation import Simulation, World, run
 from hdagen.torques import torque_per_input
 
 LAW = "impedance_joint"
-DAMPING = 0.02  # N m s/rad at each motor, where the guard makes the arm safe
+DAMPING = 0.02  # N m s/rad at each motor, once the guard has stopped the arm
 FULL = 0.005  # s, in which a motor reaches its full torque
-RANGE = 0.2, 0.8  # quantiles of the log's angles, between which the arm swings
-SHORTEST = 1.0  # s, of a swing there and back
-SWINGS = 2
-PRESSED = 0.01  # m, by which the wall would be passed
+RANGE = 0.2, 0.8  # quantiles of the log's angles: ends of the swing
+SHORTEST = 1.0  # s, shortest swing there and back
+SWINGS = 2  # swings there and back
+PRESSED = 0.01  # m, depth of the reference behind the wall
 WALL = 1e4  # N/m: steel table, rubber tip
 RISE, HOLD = 0.5, 1.0  # s of the way into the wall, and at its end
 
 
 @dataclass(frozen=True)
 class Controlled:
-    """With a controller that knows the robot file, and with one that knows the verdict: rms distance of the tip from
-    where it is to be, m, and largest force at the wall, N."""
+    """Results with a controller that knows the robot file, and with one that knows the verdict: rms distance of the tip
+    from its reference, m, and largest force at the wall, N."""
 
     tracking: tuple[float, float]
     force: tuple[float, float]
 
     @property
     def content(self) -> dict[str, Any]:
-        """As diagnosis.json has it."""
+        """The results as diagnosis.json has them."""
         pairs = {"tracking": self.tracking, "contact_force": self.force}
         return {"law": LAW} | {name: dict(zip(("before", "after"), pair, strict=True)) for name, pair in pairs.items()}
 
 
 def controlled(plain: Arm, machine: Arm, log: Log) -> Controlled:
-    """``plain`` is the robot file's arm, ``machine`` the one with the verdict. Raises PlantError where no controller
-    can drive it, as without a limit of its torque."""
+    """Compare two controllers on a simulated machine.
+
+    Args:
+        plain: the robot file's arm.
+        machine: the arm with the verdict.
+        log: gives range and speed of the motion.
+
+    Returns:
+        Tracking errors and contact forces.
+
+    Raises:
+        PlantError: no controller can drive the arm, as without a limit of its torque.
+
+    """
     low, high, fastest = _motion(plain, log)
     most = np.array([slot["bound"] for slot in plain.manifest["input"][: plain.n]]) * torque_per_input(plain)
     guard = Guard(
@@ -71,6 +83,7 @@ def controlled(plain: Arm, machine: Arm, log: Log) -> Controlled:
 
 
 def _run(machine: Arm, controller: Controller, reference: Reference, world: World | None = None) -> Simulation:
+    """Simulate a controller on the machine; a refusal is a PlantError."""
     found = run(machine, controller, reference, start=reference.position[0], world=world)
     refused = found.status[found.status < 0]
     if len(refused):
@@ -79,12 +92,12 @@ def _run(machine: Arm, controller: Controller, reference: Reference, world: Worl
 
 
 def _tips(arm: Arm, q: Array) -> Array:
-    """Where the tip is at angles (T, n), (T, 2) m."""
+    """Return the tip's position (T, 2), m, at angles (T, n)."""
     return np.asarray(arm.evaluate("points", q=q)["points"][:, -2:])
 
 
 def _motion(arm: Arm, log: Log) -> tuple[Array, Array, Array]:
-    """Ends of a swing (n) and the joints' largest speeds (n) in the log."""
+    """Return the ends of a swing (n each) and the joints' largest speeds (n) in the log."""
     angles = joint_angles(arm, log)
     rows = max(1, round(0.02 / log.period))  # noise does not count as speed
     speed = np.abs(angles[rows:] - angles[:-rows]) / (log.time[rows:] - log.time[:-rows])[:, None]
@@ -93,7 +106,7 @@ def _motion(arm: Arm, log: Log) -> tuple[Array, Array, Array]:
 
 
 def _swing(low: Array, high: Array, fastest: Array, period: float) -> Reference:
-    """From ``low`` to ``high`` and back, no faster than the log."""
+    """Make a reference from ``low`` to ``high`` and back, no faster than the log."""
     span = high - low
     once = max(SHORTEST, float(np.max(np.pi * span / np.maximum(fastest, 1e-9), initial=0.0)))
     time, turn = np.arange(0.0, SWINGS * once, period), 2 * np.pi / once
@@ -103,7 +116,7 @@ def _swing(low: Array, high: Array, fastest: Array, period: float) -> Reference:
 
 
 def _into_wall(arm: Arm, q: Array, period: float) -> tuple[Reference, World]:
-    """Joint 1 leads the tip from where the arm rests at ``q`` on into a wall that begins there."""
+    """Make a reference by which joint 1 leads the tip from ``q`` into a wall that begins there, and that wall."""
     nudge = np.zeros(arm.n)
     nudge[0] = 1e-6
     face = _tips(arm, np.stack([q, q + nudge]))

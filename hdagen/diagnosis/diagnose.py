@@ -53,7 +53,7 @@ BLOCKS = f"blocks all over each log, {100 * SHARE:g} % of it"
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What the search found, the motion that is held out, and its replay ``after``."""
+    """The search's result, the held-out motion, and its replay ``after`` the verdict."""
 
     search: Search
     decision: Decision
@@ -69,17 +69,17 @@ def diagnose(robot: str | Path, logs: Sequence[Log], hold_out: Sequence[Log], sa
 
     Args:
         robot: a preset or a robot.toml.
-        logs: of the machine.
-        hold_out: other motions of it. Every other second of them decides whether what the fit says stands, the gap is
-            measured on the rest. Without them both is done on blocks that the fit does not see, a fifth of each log.
-        say: is told each stage as it begins.
+        logs: logs of the machine.
+        hold_out: other motions of the machine. Every other second of them decides which effects stand, and the gap is
+            measured on the rest. Without them both happen on blocks that the fit does not use, a fifth of each log.
+        say: receives each stage as it begins.
 
     Returns:
-        What was found, and what diagnosis.json holds.
+        The verdict, and the content of diagnosis.json.
 
     Raises:
         LogError: a log cannot carry a diagnosis.
-        PlantError: the model cannot be had.
+        PlantError: the model cannot be loaded.
 
     """
     from threadpoolctl import threadpool_limits  # changes the environment when it is imported
@@ -154,7 +154,7 @@ def _rivals(told: Statement, motion: UnseenMotion, attempts: Attempts) -> dict[s
 
 
 def _remainder(content: dict[str, Any]) -> dict[str, Any]:
-    """`remains`, `as_good_as_it_gets` and `verdict` of diagnosis.json, with what remains."""
+    """Return `remains`, `as_good_as_it_gets` and `verdict` of diagnosis.json, with the remaining errors."""
     remains, named = measure_remainders(content["gap"]["by_channel"]), verdict.read(content).effects
     good = not named and is_as_good_as_it_gets(content["gap"])
     said = [] if good else name_remainders(content["verdict"], remains)
@@ -162,7 +162,7 @@ def _remainder(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def _moments(told: Statement, motion: UnseenMotion, logs: Sequence[Log]) -> dict[str, Any]:
-    """`moments` and `sure` of diagnosis.json, with what acts once in the logs that are replayed."""
+    """Return `moments` and `sure` of diagnosis.json, with the events that happen once in the replayed logs."""
     content, before = told.content, motion.before
     every = Portion.whole(motion.portion.log).without(before.guessed, before.starts)
     moments = [] if content["contradicted"] else find_moments(before, told.after, every, logs)
@@ -178,8 +178,8 @@ def _searched(
     say: Callable[[str], None],
     attempts: Attempts,
 ) -> tuple[Search, UnseenMotion]:
-    """What is found in ``seen``, and what ``work`` makes meanwhile, as a search leaves half a core idle: it needs the
-    base parameters of a model without effects alone. That there are springs is one of the ``attempts``."""
+    """Search the record, and run ``work`` beside the search, which leaves half a core idle. ``work`` needs the base
+    parameters of the model without effects alone. The search for springs is one of the ``attempts``."""
     say("what the log suggests")
     shooting = Shooting(arm, seen)
     words, none = first_look(shooting)
@@ -194,20 +194,20 @@ def _searched(
 
 
 def _decided(found: Search, shown: Portion, seen: Record, attempts: Attempts) -> Decision:
-    """What a search says, its sets weighed by how they predict what is ``shown``, where that can be had."""
+    """Decide by the search, with its sets weighed by their prediction of ``shown`` where that can be simulated."""
     weigh = partial(weigh_predictions, found, shown, _simulate(shown, seen))
     return decide(found, attempts.attempt("prediction over long windows", weigh, {}))
 
 
 def _own(decision: Decision, logs: Sequence[Log]) -> Decision:
-    """The decision. Raises LogError where what it says is that the robot file is another machine's."""
+    """Return the decision. Raise LogError where it says that the robot file is another machine's."""
     if not decision.unknown and (refused := foreign(decision.best)):
         raise LogError([f"{logs[0].source}: {refused}"])
     return decision
 
 
 def _control(plain: Arm, changed: Arm, said: verdict.Verdict, log: Log) -> dict[str, Any] | None:
-    """What the verdict changes for a controller, or why that cannot be said; None where no effect is named."""
+    """Compare controllers under the verdict, or say why that is impossible; None where no effect is named."""
     if not said.effects:
         return None
     try:
@@ -217,7 +217,7 @@ def _control(plain: Arm, changed: Arm, said: verdict.Verdict, log: Log) -> dict[
 
 
 def _counted(found: Replay, seen: Record) -> Replay:
-    """Errors counted in the noise of the held-out or of the fitted motion, whichever shows more."""
+    """Count errors in the noise of the held-out or of the fitted motion, whichever is larger."""
     fitted = dict(zip(seen.names, seen.noise, strict=True))
     return replace(found, noise={name: max(noise, fitted.get(name, 0.0)) for name, noise in found.noise.items()})
 

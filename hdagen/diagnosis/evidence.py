@@ -1,14 +1,16 @@
-"""The evidence for every hypothesis from one linear model: which effects are free, all others within a small tolerance.
+"""The evidence for every hypothesis from one linear model: some effects are free, all others have a narrow prior
+(spike).
 
 The posterior of θ under spikes alone, N(μ, Σ), gives every hypothesis in closed form: freeing the columns A changes
 their prior precision by D, and the evidence by
 
     |I + Σ_A D|^(−1/2) · (|V_spike| / |V_slab|)^(1/2) · exp(−½ μ_A' D (I + Σ_A D)⁻¹ μ_A).
 
-Each hypothesis chooses its own size s of unexplained torque and scale κ of what each window leaves.
+Each hypothesis chooses its own size s of unexplained torque and noise scale κ of each window.
+
 Source: Dickey, Ann. Math. Stat. 42 (1971) 204 (the ratio of nested evidences); George, McCulloch, J. Am. Stat. Assoc.
-88 (1993) 881 (spike and slab); Miller, Dunson, J. Am. Stat. Assoc. 114 (2019) 1113 (a likelihood that counts less, as
-no model is true).
+88 (1993) 881 (spike and slab); Miller, Dunson, J. Am. Stat. Assoc. 114 (2019) 1113 (a tempered likelihood, as no model
+is true).
 """
 
 from __future__ import annotations
@@ -28,18 +30,18 @@ from hdagen.diagnosis.linear import ROUNDED, Linear, Reduced, Summed
 from hdagen.plant import Array
 from hdagen.together import together
 
-TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # s, in units of unexplained torque
-ROUGHLY = 8  # every which of them a first look takes
-STRIDES = 2, 1  # in which a closer look goes
-SCALES = 12  # at most, times that the windows are weighed anew
-STILL = 0.05  # change of log κ² below which they are not
+TORQUES = np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 41)])  # sizes s, in units of unexplained torque
+ROUGHLY = 8  # stride of a coarse search over them
+STRIDES = 2, 1  # strides of a fine search, one after the other
+SCALES = 12  # reweightings of the windows at most
+STILL = 0.05  # change of log κ² below which the scales have converged
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """θ at one s and κ² (W): mean, or most probable within bounds (P), minus twice the log posterior there but for the
-    constant of its prior, log evidence. The factor (P, P, lower) is that of the inverse covariance in units of the
-    prior's standard deviations ``spike`` (P)."""
+    """Posterior of θ at one s and κ² (W): the mean, or the mode within bounds (P); minus twice the log posterior there,
+    but for the constant of its prior; the log evidence. ``factor`` (P, P, lower) is the Cholesky factor of the inverse
+    covariance in units of the prior's standard deviations ``spike`` (P)."""
 
     s: float
     kappa2: Array
@@ -51,13 +53,20 @@ class Posterior:
 
     @cached_property
     def covariance(self) -> Array:
-        """Of θ (P, P): few ask for it."""
+        """Covariance of θ (P, P), computed on demand."""
         inverse = dpotrs(self.factor, np.eye(len(self.spike)), lower=1)[0]
         return np.asarray(inverse * (self.spike[:, None] * self.spike))
 
     def worth(self, prior: Array, own: Array) -> float:
-        """Log evidence in which only the columns ``own`` pay Occam's factor: what all hypotheses have alike, a column
-        tells here a little better and there a little worse, and together that is more than what parts them."""
+        """Return the log evidence in which only some columns pay Occam's factor. One fit determines the columns that
+        all hypotheses share a little better than another one does, and all of these differences together would exceed
+        the difference between hypotheses.
+
+        Args:
+            prior: prior standard deviations of θ (P).
+            own: places of the columns that pay.
+
+        """
         width = prior[own]
         return -0.5 * (
             self.cost - float(np.linalg.slogdet(self.covariance[np.ix_(own, own)] / width / width[:, None])[1])
@@ -65,14 +74,14 @@ class Posterior:
 
     @property
     def level(self) -> float:
-        """Scale of the noise, squared, joined over the windows (geometric mean)."""
+        """Squared noise scale over all windows (geometric mean)."""
         return float(np.exp(np.log(self.kappa2).mean()))
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A hypothesis: its atoms, log evidence, and the posterior in which it is best; ``large``: the probability that
-    what it means is as large as counts as present."""
+    """A hypothesis: its candidates, its log evidence, the posterior in which it is best, and ``large``, the probability
+    that its effect is as large as counts as present."""
 
     atoms: tuple[int, ...]
     evidence: float
@@ -86,8 +95,19 @@ def posteriors(
     near: float | None = None,
     bounds: Bounds | None = None,
 ) -> list[Posterior]:
-    """The posterior at sizes s of unexplained torque a decade apart, each window at the scale of what it leaves; with
-    ``near`` from that one on to where it is best: evidence answers to a third of s with as much as parts hypotheses."""
+    """Compute the posterior at several sizes of unexplained torque.
+
+    Args:
+        linear: the linear model.
+        spike: prior standard deviations of θ (P).
+        near: a size from which to climb to the best one, as the evidence may change between coarse sizes by as much as
+            separates hypotheses; without it, a coarse grid of sizes is taken.
+        bounds: lowest and highest θ (P each).
+
+    Returns:
+        The posteriors in the order of their sizes.
+
+    """
     sizes = TORQUES[min(int(np.searchsorted(TORQUES, linear.least)), len(TORQUES) - 1) :]
     if near is None:
         return together(lambda s: settled(linear, spike, s, bounds), sizes[::ROUGHLY].tolist())
@@ -104,13 +124,28 @@ def posteriors(
 
 
 def settled(linear: Linear, spike: Array, s: float, bounds: Bounds | None = None, reach: float = np.inf) -> Posterior:
-    """The posterior at one size of unexplained torque, the windows weighed anew until their scales stand. ``reach``:
-    prior standard deviations, within which it stays near the point where the model was measured; the evidence is then
-    none of the whole."""
+    """Compute the posterior at one size of unexplained torque, with the windows reweighted until their noise scales
+    converge.
+
+    Args:
+        linear: the linear model.
+        spike: prior standard deviations of θ (P).
+        s: size of unexplained torque.
+        bounds: lowest and highest θ (P each).
+        reach: trust radius about the point of measurement, in prior standard deviations; the evidence then is not that
+            of the whole prior.
+
+    Returns:
+        The posterior.
+
+    """
     reduced, nearer = linear.reduced(float(s)), 1.0 / (1.0 + reach**2)
     kappa2, center = reduced.scaled(linear.chi2(float(s))), nearer * linear.theta
-    about, width = reduced.about(center) if nearer else reduced, np.sqrt(1.0 - nearer) * spike
-    within = None if bounds is None else (bounds[0] - center, bounds[1] - center)
+    about, within, width = reduced, None, np.sqrt(1.0 - nearer) * spike
+    if nearer:
+        about = reduced.about(center)
+    if bounds is not None:
+        within = bounds[0] - center, bounds[1] - center
     for _ in range(SCALES):
         found = posterior(about, width, float(s), kappa2, within)
         old, kappa2 = kappa2, reduced.scales(found.mean + center)
@@ -127,17 +162,43 @@ def posterior(
     bounds: Bounds | None = None,
     temperature: float | None = None,
 ) -> Posterior:
-    """θ under prior standard deviations ``spike`` (P), the windows at scales ``kappa2`` (W). With ``bounds`` the most
-    probable θ lies within them, and the evidence is that of Laplace's approximation there; without, it is exact. The
-    likelihood counts as its root of order ``temperature`` (default: that of ``reduced``), the prior as it is."""
-    temperature = reduced.temperature if temperature is None else temperature
+    """Compute the posterior of θ with fixed noise scales. Within bounds it is Laplace's approximation at the mode;
+    without bounds it is exact.
+
+    Args:
+        reduced: normal equations.
+        spike: prior standard deviations of θ (P).
+        s: size of unexplained torque.
+        kappa2: squared noise scales (W).
+        bounds: lowest and highest θ (P each).
+        temperature: the likelihood counts as its root of this order, the prior in full; default: that of ``reduced``.
+
+    Returns:
+        The posterior.
+
+    """
+    if temperature is None:
+        temperature = reduced.temperature
     return laplace(reduced.summed(kappa2), spike, s, kappa2, bounds, temperature)
 
 
 def laplace(
     summed: Summed, spike: Array, s: float, kappa2: Array, bounds: Bounds | None, temperature: float
 ) -> Posterior:
-    """A `posterior` from all windows together."""
+    """Compute a `posterior` from all windows together.
+
+    Args:
+        summed: normal equations of all windows.
+        spike: prior standard deviations of θ (P).
+        s: size of unexplained torque.
+        kappa2: squared noise scales (W).
+        bounds: lowest and highest θ (P each).
+        temperature: the likelihood counts as its root of this order.
+
+    Returns:
+        The posterior.
+
+    """
     N, b = summed.N / temperature, summed.b / temperature
     factor = _factor(N * (spike[:, None] * spike))
     mean = spike * dpotrs(factor, spike * b, lower=1)[0]
@@ -153,9 +214,9 @@ def laplace(
 
 
 def _factor(M: Array) -> Array:
-    """Cholesky factor (lower) of M + 1. M is a product of columns with themselves: where one is so large, as a
-    simulation flies apart, that rounding makes it negative somewhere, it is 0 there. LAPACK as it is: what checks and
-    wraps it takes several times as long for matrices of this size, thousands of times."""
+    """Factorize M + 1 by Cholesky (lower). M is a product of columns with themselves. A diverging simulation makes a
+    column so large that rounding makes M negative somewhere; there it counts as 0. LAPACK is called directly: numpy's
+    checks take several times as long for matrices of this size."""
     one = np.eye(len(M))
     factor, failed = dpotrf(M + one, lower=1)
     if failed:
@@ -165,7 +226,22 @@ def _factor(M: Array) -> Array:
 
 
 def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
-    """How much log evidence freeing the columns ``free`` adds."""
+    """Compute the log evidence that freeing some columns adds.
+
+    Source: Dickey, Ann. Math. Stat. 42 (1971) 204.
+
+    Args:
+        at: posterior under spikes alone.
+        spike: its prior standard deviations (P).
+        free: places of the columns.
+        slab: prior standard deviation of a free column.
+
+    Returns:
+        The gain; minus infinity where rounding makes it undefined.
+
+    """
+    if not len(free):
+        return 0.0
     D = 1.0 / slab**2 - 1.0 / spike[free] ** 2
     S, mu = at.covariance[np.ix_(free, free)], at.mean[free]
     K = np.eye(len(free)) + S * D
@@ -176,8 +252,21 @@ def gain(at: Posterior, spike: Array, free: Array, slab: float = SLAB) -> float:
 
 
 def large(at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds, slab: float = SLAB) -> float:
-    """The probability that one of the columns ``free``, freed and within ``bounds``, is ``least`` or larger, each by
-    itself. A column of which the log tells nothing is as likely so as its prior says."""
+    """Compute the probability that at least one freed column is large, each column by itself. A column that the log
+    does not determine keeps its prior probability.
+
+    Args:
+        at: posterior under spikes alone.
+        spike: its prior standard deviations (P).
+        free: places of the columns.
+        least: size that counts as large.
+        bounds: lowest and highest θ (P each).
+        slab: prior standard deviation of a free column.
+
+    Returns:
+        The probability.
+
+    """
     D = 1.0 / slab**2 - 1.0 / spike[free] ** 2
     S, mu = at.covariance[np.ix_(free, free)], at.mean[free]
     K = np.eye(len(free)) + S * D
@@ -192,11 +281,21 @@ def large(at: Posterior, spike: Array, free: Array, least: float, bounds: Bounds
 
 
 def score(found: Sequence[Posterior], words: Dictionary, hypotheses: Sequence[tuple[int, ...]]) -> list[Scored]:
-    """Every hypothesis (a tuple of atoms) at its best (s, κ), the best first."""
+    """Compute each hypothesis' evidence at its best (s, κ).
+
+    Args:
+        found: posteriors under spikes alone, at several sizes s.
+        words: the candidates.
+        hypotheses: each a tuple of places of candidates.
+
+    Returns:
+        The hypotheses, the most probable first.
+
+    """
     scored, spike = [], words.spike
     for atoms in hypotheses:
         free = words.free(atoms)
-        values = [at.evidence + (gain(at, spike, free) if len(free) else 0.0) for at in found]
+        values = [at.evidence + gain(at, spike, free) for at in found]
         best = int(np.argmax(values))
         scored.append(Scored(atoms, values[best], found[best]))
     return sorted(scored, key=lambda s: -s.evidence)

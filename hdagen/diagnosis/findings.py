@@ -11,8 +11,9 @@ import numpy as np
 from hdagen import verdict
 from hdagen.diagnosis.candidates import PRESENT, SILENT
 from hdagen.diagnosis.decide import SURE, Decision
+from hdagen.diagnosis.fit_order import first_whole
 from hdagen.diagnosis.fitting import Fitted
-from hdagen.diagnosis.search import Search, first_whole
+from hdagen.diagnosis.search import Search
 from hdagen.diagnosis.separators import separate_by
 from hdagen.diagnosis.told import Told
 from hdagen.plant import Parameter

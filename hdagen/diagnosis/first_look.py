@@ -1,20 +1,29 @@
-"""The first look at a log, with no effect meant: where every hypothesis begins, and what of everything there may be."""
+"""The null model: no effect is active. Every hypothesis starts there, and it shows how large nuisance effects are."""
 
 from __future__ import annotations
 
-from hdagen.diagnosis.candidates import SHARES, Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import SHARES, Dictionary
 from hdagen.diagnosis.design import Point, design
 from hdagen.diagnosis.fitting import Fitted, advanced, begun, sharing
 from hdagen.diagnosis.orders import with_orders
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 
-LOOKS = 2  # steps of it
+LOOKS = 2  # steps of the fit
 
 
 def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
-    """All candidates with what the log suggests, the orders of ripples, and the share to which all are tolerated, as
-    where none leaves little, what is not there cannot be large; and what none leaves, by which that was told."""
+    """Fit the null model, and prepare the candidates by it.
+
+    Args:
+        shooting: the record and its model.
+
+    Returns:
+        All candidates with their initial guess, the orders of ripples, and the spike width (a small misfit of the null
+        model leaves no room for large effects); and the fitted null model.
+
+    """
     hints = suggested(shooting.arm, shooting.record)
     fit = nothing(shooting, dictionary(shooting.arm, hints, shooting.record.uncommanded))
     return dictionary(shooting.arm, with_orders(fit, hints), shooting.record.uncommanded).sharing(
@@ -23,7 +32,16 @@ def first_look(shooting: Shooting) -> tuple[Dictionary, Fitted]:
 
 
 def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
-    """No effect meant, after a few steps, with the share under which that is most probable."""
+    """Fit the null model by a few steps, with its most probable spike width.
+
+    Args:
+        shooting: the record and its model.
+        words: all candidates.
+
+    Returns:
+        The fit.
+
+    """
     fit = begun(design(shooting, words.focused(()), first(shooting, words)), words, (), 1.0)
     for _ in range(LOOKS):
         fit = advanced(fit, words)
@@ -31,13 +49,24 @@ def nothing(shooting: Shooting, words: Dictionary) -> Fitted:
 
 
 def likeliest(fit: Fitted) -> Fitted:
-    """A hypothesis with all that it does not mean tolerated to the share under which that is most probable."""
+    """Return a fit with the spike width that is most probable for it.
+
+    Args:
+        fit: the fit.
+
+    """
     return max((sharing(fit, share) for share in SHARES), key=lambda one: one.score.at.evidence)
 
 
 def first(shooting: Shooting, words: Dictionary) -> Point:
-    """Where every hypothesis begins: the robot file's own numbers, with what was read off the log as far as it is
-    tolerated, walls and ripples where the log suggests them."""
+    """Return the point where every hypothesis starts: the robot file's numbers with the initial guess, limited to
+    nuisance sizes, and with walls and ripples where the log suggests them.
+
+    Args:
+        shooting: the record and its model.
+        words: all candidates.
+
+    """
     p = shooting.arm.p.copy()
     for atom in words.atoms:
         if atom.first:

@@ -11,9 +11,10 @@ from hdagen import verdict
 from hdagen.diagnosis.beside import Sure, beside
 from hdagen.diagnosis.decide import Decision
 from hdagen.diagnosis.findings import estimate_base, findings
+from hdagen.diagnosis.fit_order import best_first
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.diagnosis.leading_set import lead_on_unseen_motion
-from hdagen.diagnosis.search import Search, best_first
+from hdagen.diagnosis.search import Search
 from hdagen.diagnosis.small_effects import drop_small_effects
 from hdagen.diagnosis.standing import borne_out, doubted, known, outsized, stands
 from hdagen.diagnosis.unseen_motion import UnseenMotion

@@ -1,9 +1,10 @@
-"""Which ripple the motors show: the order at which the torque that nothing explains goes with the motor's angle.
+"""The order of a motor's ripple: how often the unexplained torque repeats in a turn of the motor.
 
-Cogging and commutation repeat a whole number of times a turn of the motor. Their order cannot be found by small steps
-from another, so it is read off: before the search, none of the effects meant and all of them tolerated (small amounts
-of them would hide it), and again of what a leader leaves, which may have hidden it. The smoothed unexplained torque of
-each part of a window is compared with the mean of the sine and the cosine over the rows of that part.
+Cogging and commutation repeat a whole number of times in a turn. Small steps do not lead from one order to another, so
+the order is read from the log. The first time no effect is active and all of them are nuisances, as small amounts of an
+effect would hide the ripple; the second time it is read from the residual of a leader, which may have hidden it. The
+smoothed unexplained torque of each part of a window is compared with the mean sine and cosine over the rows of that
+part.
 """
 
 from __future__ import annotations
@@ -21,13 +22,22 @@ from hdagen.diagnosis.starts import Suggested
 from hdagen.plant import Array
 
 EFFECT = "torque_ripple"
-ORDERS = np.arange(1, 97)
-CLEAR = 12.0  # gain of the best order over the usual one, in standard errors squared, from which it is taken
+ORDERS = np.arange(1, 97)  # cycles in a turn of the motor
+CLEAR = 12.0  # times the median gain of all orders, from which an order stands out
 KEPT = 3  # orders that are tried
 
 
 def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
-    """``suggested`` with the orders that the log shows first; ``nothing``: no effect meant, where that stands."""
+    """Put the orders that the log shows before the usual ones.
+
+    Args:
+        nothing: the fitted null model.
+        suggested: the initial guess to extend.
+
+    Returns:
+        The initial guess with these orders.
+
+    """
     arm, shapes = nothing.design.shooting.arm, dict(suggested.shapes)
     for j in range(1, arm.n + 1):
         name = f"ripple_order_{j}"
@@ -38,19 +48,29 @@ def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
 
 
 def heard(lead: Fitted, words: Dictionary) -> Dictionary:
-    """``words`` with a ripple of each joint's clearest order in what ``lead`` leaves, where they have none of it."""
+    """Add a ripple of each joint's clearest order in the leader's residual, unless the candidates have it.
+
+    Args:
+        lead: the leading fit.
+        words: all candidates.
+
+    Returns:
+        The larger set.
+
+    """
     for k in [k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first]:
         atom = words.atoms[k]
         known = [value for a in words.atoms if a.name == atom.name for value in a.shapes.values()]
-        clear = [] if atom.name in lead.names else _orders(lead, atom.joint)[:1]
-        for order in clear:
+        if atom.name in lead.names:
+            continue
+        for order in _orders(lead, atom.joint)[:1]:
             if order not in known:
                 words = words.another(k, {f"ripple_order_{atom.joint}": order})
     return words
 
 
 def _orders(fit: Fitted, j: int) -> tuple[float, ...]:
-    """The clearest orders of joint j, the clearest first; none where none stands out."""
+    """List the clearest orders of joint j, the clearest first; none where none stands out."""
     shooting = fit.design.shooting
     torque = fit.design.linear().inner(max(fit.score.at.s, 1e-3), fit.posterior[0])[1]
     steps = knots(shooting)
@@ -64,15 +84,15 @@ def _orders(fit: Fitted, j: int) -> tuple[float, ...]:
 
 
 def _waves(shooting: Shooting, j: int) -> tuple[Array, Array]:
-    """The orders of which the motor runs through a cycle, and the mean cosine and sine of each over the rows of each
-    part of each window (orders, parts, 2)."""
+    """List the orders that run through a full cycle, with the mean cosine and sine of each over the rows of each part
+    of each window (orders, parts, 2)."""
     record, arm = shooting.record, shooting.arm
     ratio = arm.parameters[f"ratio_{j}"]
     name = f"motor_position_{j}"
     theta = record.log[name] if name in record.log else ratio * record.log[f"joint_position_{j}"]
     parts, steps, edges = [], knots(shooting), record.edges[record.kept]
     seen = np.concatenate([theta[first:end] for first, end in edges])
-    orders = ORDERS[ORDERS * np.ptp(seen) >= 2 * np.pi]  # less of a cycle is a trend
+    orders = ORDERS[ORDERS * np.ptp(seen) >= 2 * np.pi]  # less than one cycle is a trend
     for first, end in edges:
         edge = np.linspace(first, end, steps + 1).round().astype(int) - first
         turned = np.exp(1j * orders[:, None] * theta[first:end])
@@ -82,7 +102,7 @@ def _waves(shooting: Shooting, j: int) -> tuple[Array, Array]:
 
 
 def _gain(torque: Array, wave: Array) -> float:
-    """By how much a cosine and a sine lessen the square of the torque, in its variance."""
+    """Return the reduction of the torque's squares by a cosine and a sine, in units of its variance."""
     left = torque - torque.mean()
     columns = wave - wave.mean(0)
     coefficients = np.linalg.lstsq(columns, left, rcond=1e-9)[0]

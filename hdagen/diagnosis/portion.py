@@ -1,8 +1,8 @@
-"""Which rows of a log the fit sees, and which are held out.
+"""Split logs into rows that the fit uses and rows that are held out.
 
-Where there is no hold-out log, blocks of time all over the log are held out. What happens once, a wall that is touched
-or a current at its limit, then lies in what is seen as likely as anything else; and the blocks begin at uneven times,
-so that no phase of a motion that repeats is hidden as a whole.
+Without a hold-out log, blocks of time all over the log are held out. An event that happens once, such as a touched wall
+or a saturated current, is then as likely in the fitted rows as any other moment. The blocks lie at uneven distances, so
+that no phase of a periodic motion is held out completely.
 """
 
 from __future__ import annotations
@@ -18,56 +18,81 @@ from hdagen.log import Log
 from hdagen.plant import Array
 from hdagen.stretches import stretches
 
-SHARE = 0.2  # of a log that is held out
-SPAN = 5.0  # s, of which one block is held out; a shorter log has SPANS of them
-SPANS = 4
-UNEVEN = (np.sqrt(5) - 1) / 2  # of a turn, from the place of a block in its span to that of the next
+SHARE = 0.2  # of each log, held out
+SPAN = 5.0  # s; one block of each span is held out
+SPANS = 4  # spans at least, in a log shorter than SPANS * SPAN
+UNEVEN = (np.sqrt(5) - 1) / 2  # of a span, by which a block lies later than the one before it (golden ratio)
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Portion:
-    """``rows`` (T) of ``log``."""
+    """A log with a mask of the ``rows`` (T) that belong to the portion."""
 
     log: Log
     rows: Mask
 
     @classmethod
     def whole(cls, log: Log) -> Portion:
-        """All rows."""
+        """Take all rows of a log.
+
+        Args:
+            log: the log.
+
+        Returns:
+            The portion that holds every row.
+
+        """
         return cls(log, np.ones(len(log), bool))
 
     @property
     def spans(self) -> list[tuple[float, float]]:
-        """Begin and end of each stretch of rows, s."""
+        """First and last instant of each run of rows, s."""
         return [(float(self.log.time[a]), float(self.log.time[b - 1])) for a, b in stretches(self.rows)]
 
     def without(self, windows: Sequence[int], starts: NDArray[np.intp]) -> Portion:
-        """The same but for the windows that begin in the rows ``windows``, of all ``starts`` (W); all of it where
-        nothing would be left."""
+        """Leave some windows out. Where no row would remain, nothing is left out.
+
+        Args:
+            windows: first rows of the windows to leave out.
+            starts: first row of every window (W).
+
+        Returns:
+            The smaller portion.
+
+        """
         left, ends = self.rows.copy(), np.append(starts[1:], len(self.rows))
         for first, end in zip(starts, ends, strict=True):
             if first in windows:
                 left[first:end] = False
-        return Portion(self.log, left) if left.any() else self
+        if not left.any():
+            return self
+        return Portion(self.log, left)
 
     def at(self, time: Array) -> Mask:
-        """Whether the rows nearest to instants (K,) are in it."""
+        """Tell which instants lie in the portion, each by its nearest row.
+
+        Args:
+            time: instants (K), s.
+
+        Returns:
+            A mask (K).
+
+        """
         return self.rows[np.clip(np.searchsorted(self.log.time, time), 0, len(self.rows) - 1)]
 
 
 def part(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = ()) -> tuple[Portion, Portion]:
-    """Part logs into what is fitted and what no fit sees.
+    """Split logs into fitted and held-out rows.
 
     Args:
-        logs: of one machine.
-        hold_out: other motions of it; else blocks of each log are kept from the fit.
-        fresh: the rows (T) of each log, those that are held out after the others, that are counted; all if none is
-            given.
+        logs: logs of one machine.
+        hold_out: other motions of the same machine; without any, blocks of each log are held out.
+        fresh: a mask (T) for each log and then for each hold-out, of the rows that count; without any, all rows count.
 
     Returns:
-        Both portions.
+        The fitted portion and the held-out portion.
 
     """
     counted = list(fresh) or [np.ones(len(log), bool) for log in (*logs, *hold_out)]
@@ -79,23 +104,34 @@ def part(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = (
 
 
 def halve(portion: Portion) -> tuple[Portion, Portion]:
-    """Part motion that no fit saw into what decides and what is reported, so that no figure is chosen by itself.
+    """Split held-out motion into a half for decisions and a half for reported figures, so that no figure selects
+    itself.
 
     Args:
-        portion: of logs that are held out.
+        portion: rows of held-out logs.
 
     Returns:
-        Every other second of it, and the rest; twice the whole where there are no two seconds.
+        The even seconds and the odd seconds; twice the whole portion where one of them would be empty.
 
     """
     seconds = np.floor(portion.log.time - portion.log.time[0]).astype(int)
     even = seconds % 2 == 0
     halves = Portion(portion.log, portion.rows & even), Portion(portion.log, portion.rows & ~even)
-    return halves if all(half.rows.any() for half in halves) else (portion, portion)
+    if not all(half.rows.any() for half in halves):
+        return portion, portion
+    return halves
 
 
 def blocks(time: Array) -> Mask:
-    """Which rows of a log at ``time`` (T), s, lie in blocks that are held out."""
+    """Choose the rows of a log that are held out.
+
+    Args:
+        time: instants of the rows (T), s.
+
+    Returns:
+        A mask (T) of the held-out blocks.
+
+    """
     length = float(time[-1] - time[0])
     count = max(SPANS, round(length / SPAN))
     spans = (time - time[0]) / max(length, np.finfo(float).tiny) * count

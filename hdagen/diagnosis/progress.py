@@ -1,7 +1,7 @@
-"""How far a diagnosis is: the stage by its name, and about how long it will still take.
+"""Progress of a diagnosis: the stage by its name, and roughly the time left.
 
-How many effects will be tried beside which is not known before, so the time left is that of a log in which two were;
-one without an effect is done sooner.
+The number of effects that will be tried is unknown at first, so the time left is that of a log in which two were tried;
+a log without an effect is done sooner.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from threading import Lock
 
-# share of the whole that is behind when a stage begins, of a log of 10 s in which two effects were tried together
+# share of the time that has passed when a stage begins, for a log of 10 s in which two effects were tried together
 BEHIND = {
     "model": 0.0,
     "what the log suggests": 0.03,
@@ -28,19 +28,24 @@ BEHIND = {
 # the same of the rounds of each race, and of those from where the leader stands
 RACES, FROM = ((0.33, 0.36, 0.41), (0.52, 0.56, 0.59), (0.66, 0.67, 0.68)), (0.72, 0.74, 0.77)
 ROUND = re.compile(r"fitting [^,]*, (from [^,]*, )?round (\d) of")
-SPRING, ANOTHER = "a spring in what", 0.5  # a second search, of a rigid drive with a spring, and what is behind then
-LEAST = 0.05  # share behind, from which the time left is told
+SPRING, ANOTHER = "a spring in what", 0.5  # stage of a second search, of a rigid drive with a spring; its share
+LEAST = 0.05  # share of the time that has passed, from which the time left is printed
 
 
 class Progress:
-    """Prints each stage with the time, and the time left; to be called from any thread."""
+    """Prints each stage with the time and the time left, from any thread."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.clock, self.lock, self.begun = clock, Lock(), clock()
         self.behind, self.base, self.races, self.round = 0.0, 0.0, 0, 0
 
     def __call__(self, stage: str) -> None:
-        """A line for this stage."""
+        """Print a line for a stage.
+
+        Args:
+            stage: its sentence.
+
+        """
         with self.lock:
             passed = self.clock() - self.begun
             self._came_to(stage)

@@ -1,9 +1,9 @@
-"""A log as the fit sees it: inputs, measured channels with their noise, and windows that each begin anew.
+"""A log as the fit uses it: inputs, measured channels with their noise, and windows with an initial state each.
 
-Of a long or dense log the fit looks at a share of the windows and of their rows, which bounds time and memory; the
-others are simulated too where an effect remembers.
+Of a long or dense log the fit uses only some windows and some of their rows, which bounds time and memory. The other
+windows are simulated only where an effect has a memory of its own.
 
-Legend: T rows, R rows in windows, W windows, K windows and S rows that are looked at, M channels; m positions and
+Legend: T rows, R rows in windows, W windows, K selected windows, S sampled rows in them, M channels; m positions and
 velocities of the state.
 """
 
@@ -30,20 +30,23 @@ from hdagen.replay import window_starts
 from hdagen.torques import torque_per_input
 
 QUANTITIES = ("motor_current", "motor_torque", "motor_position", "joint_position", "joint_torque")
-REACH = 0.01  # s to each side of a window's first row from which its state is read
-MOST_WINDOWS = 96  # that are looked at
-MOST_VALUES = 18_000  # rows by channels that are looked at
-FOLLOWED = 0.05  # s of commands that a measured torque may go with
-SHORTEST = 0.5  # share of the window that a shorter last one must have
+REACH = 0.01  # s to each side of a window's first row; the initial state is read from these rows
+MOST_WINDOWS = 96  # selected windows at most
+MOST_VALUES = 18_000  # sampled values (rows times channels) at most
+FOLLOWED = 0.05  # s of past commands that a measured torque may depend on
+SHORTEST = 0.5  # of the window length, that a shorter last window must have
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """``shown`` (T): rows that the fit may look at. ``command`` (T, nu): row k is held to row k + 1. ``measured``
-    (T, M) with ``noise`` (M) standard deviations; windows are the rows from ``starts`` (W) to ``ends`` (W); ``begun``
-    (W, nx) their first states as measured; ``clock`` (T, M) what the log's clock leaves uncertain of each value, whose
-    mean ``noise`` has within; ``input_noise`` (n) standard deviation, N m at the motor, of what acts from a row to the
-    next where it was measured; 0 where it was commanded."""
+    """A log cut into windows.
+
+    ``shown`` (T): rows that the fit may use. ``command`` (T, nu): held from row k to row k + 1; ``before`` (n): the
+    input before row 0. ``measured`` (T, M) with standard deviations ``noise`` (M); windows run from rows ``starts`` (W)
+    to ``ends`` (W) and begin in the measured states ``begun`` (W, nx). ``clock`` (T, M): noise of each value that the
+    log's clock causes; ``noise`` contains its mean. ``input_noise`` (n): standard deviation, N m at the motor, of a
+    measured input from one row to the next; 0 for a command.
+    """
 
     log: Log
     shown: Mask
@@ -62,23 +65,31 @@ class Record:
 
     @cached_property
     def rows(self) -> Rows:
-        """The rows that lie in windows, window after window."""
+        """Rows that lie in windows (R), window by window."""
         return self.rows_of(np.arange(len(self.starts)))
 
     def rows_of(self, windows: Rows) -> Rows:
-        """The rows of some windows, window after window."""
+        """List the rows of some windows, window by window.
+
+        Args:
+            windows: places of the windows.
+
+        Returns:
+            Rows of the log.
+
+        """
         return np.concatenate([np.arange(self.starts[w], self.ends[w]) for w in windows])
 
     @cached_property
     def kept(self) -> Rows:
-        """The windows that are looked at (K), evenly over those that may be."""
+        """Selected windows (K), spread evenly over those whose rows the fit may all use."""
         whole = [bool(self.shown[a:b].all()) for a, b in zip(self.starts, self.ends, strict=True)]
         may = np.flatnonzero(whole)
         return may[np.unique(np.linspace(0, len(may) - 1, min(len(may), MOST_WINDOWS)).round().astype(int))]
 
     @cached_property
     def looked(self) -> list[Rows]:
-        """The rows of each window that is looked at, as places in ``rows``."""
+        """Sampled rows of each selected window, as places in ``rows``."""
         begins = np.concatenate([[0], np.cumsum(self.ends - self.starts)])
         values = int((self.ends - self.starts)[self.kept].sum()) * len(self.names)
         stride = max(1, math.ceil(values / MOST_VALUES))
@@ -86,12 +97,20 @@ class Record:
 
     @cached_property
     def told(self) -> Array:
-        """What was measured in the rows that are looked at (S, M)."""
+        """Measured values of the sampled rows (S, M)."""
         return self.measured[self.rows[np.concatenate(self.looked)]]
 
     def missed(self, seen: Array) -> Array:
-        """What was measured less what a model has the channels read, ``seen`` (…, S, M); no larger than the channel's
-        range: one that flies apart, or gives no number, is as wrong as one can be."""
+        """Subtract predicted readings from the measured ones, limited to each channel's range. A simulation that
+        diverges or yields no number counts as wrong by the whole range.
+
+        Args:
+            seen: predicted readings (…, S, M), in the channels' units.
+
+        Returns:
+            The differences, of the same shape.
+
+        """
         return np.asarray(np.clip(np.where(np.isfinite(seen), self.told - seen, self.span), -self.span, self.span))
 
     @cached_property
@@ -101,8 +120,8 @@ class Record:
 
     @cached_property
     def spread(self) -> Array:
-        """Standard deviation of each value that is looked at (S, M): as often as a channel repeats a value in a window,
-        it tells it once; and what the clock leaves uncertain goes with the speed there."""
+        """Standard deviation of each sampled value (S, M). A channel that repeats a value in a window counts it once;
+        the part that the clock causes follows the speed."""
         told = []
         for rows in self.looked:
             seen = self.measured[self.rows[rows]]
@@ -116,7 +135,7 @@ class Record:
 
     @cached_property
     def uncommanded(self) -> tuple[int, ...]:
-        """The joints whose commands are not logged: what was measured of their inputs is what acted."""
+        """Joints whose commands are not logged, so that their measured inputs drive the model."""
         joints = range(1, self.log.n_joints + 1)
         return tuple(j for j in joints if not is_command(driving_channel(self.log, j, "command") or ""))
 
@@ -127,13 +146,26 @@ class Record:
 
     @property
     def steps(self) -> Array:
-        """Time from each row to the next (T), s; the last as the one before."""
+        """Time from each row to the next (T), s; the last one repeats the one before."""
         dt = np.diff(self.time)
         return np.append(dt, dt[-1])
 
 
 def record(arm: Arm, seen: Portion, window: float) -> Record:
-    """The record of what is seen of a log for ``arm`` in windows of ``window`` s. Raises LogError."""
+    """Cut the fitted portion of a log into windows.
+
+    Args:
+        arm: the compiled model.
+        seen: rows that the fit may use.
+        window: length of a window, s.
+
+    Returns:
+        The record.
+
+    Raises:
+        LogError: the log lacks an input or a position.
+
+    """
     log = seen.log
     command, _ = driven_by(arm, log, "command")
     names, outputs = [], []
@@ -145,20 +177,11 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
                 names.append(name)
                 outputs.append((quantity, j))
     measured = np.stack([log[name] for name in names], 1)
-    noise = np.array(
-        [
-            channel_noise(arm, log, name, seen.rows)
-            if "torque" not in name
-            else _followed(log, name, seen.rows)
-            if name in driven
-            else describe(name, log[name][seen.rows]).noise
-            for name in names
-        ]
-    )
+    noise = np.array([_noise(arm, seen, name, name in driven) for name in names])
     starts = np.union1d(window_starts(log.time, window), [first for first, _ in segments(log.time)])
     ends = np.append(starts[1:], len(log))
     period = log.period
-    whole = ends - starts >= SHORTEST * window / period
+    whole = ends - starts >= SHORTEST * window / period  # windows that are long enough
     starts, ends = starts[whole], ends[whole]
     before = command[0, : arm.n].copy()
     for j, name in enumerate(arm.input_names[: arm.n]):
@@ -182,21 +205,33 @@ def record(arm: Arm, seen: Portion, window: float) -> Record:
     )
 
 
+def _noise(arm: Arm, seen: Portion, name: str, driven: bool) -> float:
+    """Estimate the noise of a channel; ``driven``: a torque that is logged beside its own command."""
+    if "torque" not in name:
+        return channel_noise(arm, seen.log, name, seen.rows)
+    if driven:
+        return _followed(seen.log, name, seen.rows)
+    return describe(name, seen.log[name][seen.rows]).noise
+
+
 def _input_noise(arm: Arm, log: Log) -> Array:
-    """What is uncertain of each joint's measured input (n), N m at the motor: its sensor's noise, and what it does
-    between rows."""
+    """Estimate the uncertainty of each joint's measured input (n), N m at the motor: sensor noise, and changes between
+    rows."""
     found, gains = np.zeros(arm.n), torque_per_input(arm)
     for j in range(1, arm.n + 1):
         name = driving_channel(log, j, "command")
         if name is not None and not is_command(name):
-            gain = 1.0 if "torque" in name else gains[j - 1]
-            found[j - 1] = gain * between_rows(arm, log, j, log[name]).uncertainty
+            uncertainty = between_rows(arm, log, j, log[name]).uncertainty
+            if "torque" not in name:
+                uncertainty = gains[j - 1] * uncertainty
+            found[j - 1] = uncertainty
     return found
 
 
 def _followed(log: Log, name: str, shown: Mask) -> float:
-    """What no filter of the command explains of a measured torque: its sensor's noise, and what a torque loop leaves,
-    which is not stated and much more."""
+    """Estimate the noise of a measured torque that follows its command: the residual of the best filter of the command.
+    It holds the sensor's noise and the error of the torque loop, which no data sheet states and which is much
+    larger."""
     command = log[commanded(name)]
     most = max(int(shown.sum()) // ROWS - 2, 0)  # with more the fit would take the noise, too
     lags = np.arange(min(max(round(FOLLOWED / log.period), 1), most) + 1)
@@ -209,13 +244,22 @@ def _followed(log: Log, name: str, shown: Mask) -> float:
 
 
 def usual_torque(arm: Arm, record: Record) -> Array:
-    """Root mean square of the torque that is commanded at each motor (n), N m."""
+    """Measure the usual size of each motor's commanded torque.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+
+    Returns:
+        Root mean square (n), N m.
+
+    """
     size = [float(np.sqrt(np.mean(record.command[:, j] ** 2))) for j in range(arm.n)]
     return np.asarray(size * torque_per_input(arm))
 
 
 def _begun(arm: Arm, log: Log, starts: Rows) -> Array:
-    """The state (W, nx) at each start: a parabola through the rows about it."""
+    """Estimate the state (W, nx) at each window's start by a parabola through the rows about it."""
     readings = Readings.of(arm, log)
     x = np.zeros((len(starts), arm.nx))
     known: set[int] = set()
@@ -233,7 +277,7 @@ def _begun(arm: Arm, log: Log, starts: Rows) -> Array:
             x[w, place], x[w, rate] = fit[2], fit[1]
         known |= {place, rate}
     x[:, : mechanical(arm)] = complete(arm, x, known)[:, : mechanical(arm)]
-    if starts[0] == 0:  # the log begins at rest unless velocities are logged
+    if starts[0] == 0:  # a log that starts this slowly starts at rest
         for k, name in enumerate(arm.state_names[: mechanical(arm)]):
             if "velocity" in name and abs(x[0, k]) < 1e-2 * arm.manifest["state"][k]["bound"]:
                 x[0, k] = 0.0

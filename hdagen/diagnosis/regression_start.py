@@ -1,15 +1,16 @@
-"""Where sets of effects may begin that are far from the robot file: a regression of the missing torque.
+"""Starts for sets of effects far from the robot file: a regression of the residual torque.
 
-A fit moves in small steps from the robot file's own numbers. Where the file leaves out several frictions at once, none
-of them alone is near anything. Along the measured motion, smoothed and differentiated, the missing torque is nearly
-linear in the sizes of the effects, so sets of them are found by least squares, without a simulation. The regressors are
-differences of the model's own torque balance, so that every effect has one that the balance shows.
+A fit moves in small steps from the robot file's own numbers. Where the file lacks several frictions at once, none of
+them alone is near its optimum. Along the measured motion, smoothed and differentiated, the residual torque is nearly
+linear in the effects' sizes, so sets of them are found by least squares, without a simulation. The regressors are
+differences of the model's torque balance, so every effect that the balance shows has one.
 
-Legend: K instants, thinned to independent ones; B balances, a motor's or a link's each; C columns of the dictionary,
-and one more, the missing torque itself; θ (C) in usual sizes.
+Legend: K instants, thinned to independent ones; B balances, one for a motor or a link; C columns of the candidates, and
+one more, the residual torque itself; θ (C) in typical sizes.
+
 Source: Gautier, Proc. IEEE ICRA (1997) 1801 (inverse dynamics identified from filtered motion); Pati, Rezaiifar,
-Krishnaprasad, Proc. Asilomar 27 (1993) 40 (orthogonal matching pursuit, here with a beam); Schwarz, Ann. Stat. 6
-(1978) 461 (what a further effect costs).
+Krishnaprasad, Proc. Asilomar 27 (1993) 40 (orthogonal matching pursuit, here with a beam); Schwarz, Ann. Stat. 6 (1978)
+461 (the cost of a further effect).
 """
 
 from __future__ import annotations
@@ -32,21 +33,21 @@ from hdagen.plant import Arm, Array
 from hdagen.together import together
 
 MOST = 4  # effects of a set
-BEAM = 3  # sets of a size that are enlarged
-LESS = 0.9  # of what a set leaves (rms) of a balance, that it may leave with one more effect
-FAR = 2.0  # usual sizes: what is larger is far from the robot file, and what is not is found from there
-MOST_ROWS, STRETCHES = 6000, 4  # of a log that are looked at, and in how many pieces
+BEAM = 3  # sets of each size that are enlarged
+LESS = 0.9  # of a balance's residual (rms), that one more effect may leave at most
+FAR = 2.0  # typical sizes: a larger effect is far from the robot file; a smaller one is found from there
+MOST_ROWS, STRETCHES = 6000, 4  # rows of a log that are used, and the number of pieces they come in
 FEWEST = 50  # instants of a balance
-SETTLED = 1e-2  # change of the logarithm of what a balance leaves, below which it stands
-ROUNDS = 5  # of weighing the balances
-RIDGE = 1e-6  # precision of a size that comes in all orders of magnitude
-DARK = 1e-9  # of the missing torque (rms), below which a column shows nothing of an effect
+SETTLED = 1e-2  # change of the logarithm of a balance's residual, below which the weights have converged
+ROUNDS = 5  # reweightings of the balances
+RIDGE = 1e-6  # prior precision of a size that spans orders of magnitude
+DARK = 1e-9  # of the residual torque (rms): a smaller column shows nothing of an effect
 
 
 @dataclass(frozen=True, eq=False)
 class Regressed:
-    """A set of effects (atoms of a dictionary) with their sizes ``theta`` (C), 0 elsewhere; ``left``: half of the sum
-    of n log of what each balance leaves (mean square), and what the sizes cost."""
+    """A set of effects with their sizes ``theta`` (C), 0 elsewhere; ``left``: half the sum of n log of each balance's
+    residual (mean square), plus the cost of the sizes; ``by_balance``: these residuals (B)."""
 
     atoms: tuple[int, ...]
     theta: Array
@@ -56,7 +57,7 @@ class Regressed:
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """Cross products (B, C + 1, C + 1) of regressors and missing torque of each balance over ``counts`` (B) instants;
+    """Cross products (B, C + 1, C + 1) of regressors and residual torque of each balance, over ``counts`` (B) instants;
     ``bounds`` of θ (C each) and its prior ``precision`` (C) with everything free."""
 
     words: Dictionary
@@ -68,11 +69,20 @@ class Regression:
 
     @classmethod
     def of(cls, arm: Arm, record: Record, words: Dictionary) -> Regression | None:
-        """Of what the fit may see of a record; None where that is too little motion."""
+        """Regress the visible rows of a record.
+
+        Args:
+            arm: the compiled model.
+            record: the log in windows.
+            words: all candidates.
+
+        Returns:
+            The regression; None where there is too little motion.
+
+        """
         points = [arm.p, *_moved(arm, words)]
         parts = [_balances(arm, part, points) for part in _sampled(record)]
-        seen = [[np.concatenate(pieces) for pieces in zip(*each, strict=True)] for each in zip(*parts, strict=True)]
-        none, *moved = seen
+        none, *moved = map(_concatenate, zip(*parts, strict=True))
         if min(map(len, none)) < FEWEST:
             return None
         products, steps = [], _steps(arm, words)
@@ -82,17 +92,18 @@ class Regression:
         counts = np.array([len(y) for y in none])
         free = words.meaning(tuple(range(len(words.atoms))))
         described = list(arm.parameters.described.values())
-        precision = np.array([RIDGE if is_broad(described[c.index]) else SLAB**-2.0 for c in words.columns])
+        broad = [is_broad(described[c.index]) for c in words.columns]
+        precision = np.where(broad, RIDGE, SLAB**-2.0)
         return cls(words, arm, np.stack(products), counts, free.bounds(arm), precision)
 
     def far(self) -> dict[int, Array]:
-        """The sizes θ (C) of each effect by itself, by atom, where they are larger than `FAR`."""
+        """Return the sizes θ (C) of each effect by itself, by candidate, where they exceed `FAR`."""
         alone = {k: self.fitted((k,)).theta for k in self._shown()}
         return {k: theta for k, theta in alone.items() if np.abs(theta).max() > FAR}
 
     def sets(self) -> list[Regressed]:
-        """The best set of each number of effects from two to MOST, as long as one more effect tells much, of those in
-        which one is larger than `FAR`; the smallest first."""
+        """Return the best set of each number of effects from two to MOST, the smallest first. They grow as long as one
+        more effect explains much, and contain an effect larger than `FAR`."""
         shown, beam = self._shown(), [self.fitted(())]
         found: list[Regressed] = []
         for _ in range(MOST):
@@ -107,15 +118,23 @@ class Regression:
         return [one for one in found[1:] if np.abs(one.theta).max() > FAR]
 
     def _enlarged(self, atoms: tuple[int, ...], shown: Sequence[int]) -> Iterator[tuple[int, ...]]:
-        """A set with each further effect that says something beside it."""
+        """Add each further effect that has a meaning beside a set."""
         names = self.words.names(atoms)
         for k in shown:
             if self.words.atoms[k].name not in names and self.words.fits(self.arm, k, atoms):
                 yield tuple(sorted((*atoms, k)))
 
     def fitted(self, atoms: tuple[int, ...]) -> Regressed:
-        """A set of effects, with the base parameters and a little of the effects that are such within what is tolerated
-        of them, each balance weighed by what it leaves."""
+        """Fit a set of effects, with the base parameters and a nuisance share of base effects, each balance weighted by
+        its residual.
+
+        Args:
+            atoms: places of the set's candidates.
+
+        Returns:
+            The set with its sizes.
+
+        """
         free = np.array([i for i, c in enumerate(self.words.columns) if c.base or c.atom in atoms], int)
         own = np.array([self.words.columns[i].atom in atoms for i in free], bool)
         precision = np.where(own, self.precision[free], self.words.spike[free] ** -2.0)
@@ -138,26 +157,31 @@ class Regression:
         return Regressed(atoms, whole, cost, left)
 
     def _shown(self) -> list[int]:
-        """The atoms of which a balance shows something."""
+        """List the candidates that a balance shows."""
         power = np.einsum("bcc->bc", self.products)
         shows = (power[:, :-1] > DARK**2 * power[:, -1:]).any(0)
         return sorted({c.atom for c, told in zip(self.words.columns, shows, strict=True) if c.atom >= 0 and told})
 
     def _tells(self, more: Regressed, less: Regressed) -> bool:
-        """Whether a set with one more effect leaves so much less of a balance that it is worth a start."""
+        """Tell whether one more effect explains enough of a balance to be worth a start."""
         return more.left < less.left and bool((more.by_balance < LESS**2 * less.by_balance).any())
 
 
+def _concatenate(parts: Sequence[list[Array]]) -> list[Array]:
+    """Concatenate each balance over the parts of a log."""
+    return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
+
+
 def begin_sets(regression: Regression, at: Design, near: float) -> list[Fitted]:
-    """The best sets of several effects, each begun at its sizes.
+    """Start fits at the best sets of several effects, each at its regressed sizes.
 
     Args:
-        regression: of the record and the words of ``at``.
-        at: about the robot file's numbers.
-        near: a size of unexplained torque to begin from.
+        regression: the regression of the record, with the candidates of ``at``.
+        at: sensitivities about the robot file's numbers.
+        near: size of unexplained torque to start from.
 
     Returns:
-        Them, the smallest first.
+        The fits, the smallest set first.
 
     """
 
@@ -168,23 +192,28 @@ def begin_sets(regression: Regression, at: Design, near: float) -> list[Fitted]:
 
 
 def _sampled(record: Record) -> list[Portion]:
-    """What the fit may see of a record; of a long log's, of stretches all over it."""
-    log, pieces = record.log, 1 if len(record.log) <= MOST_ROWS else STRETCHES
+    """Take the visible rows of a record; of a long log's, pieces spread all over it."""
+    log, pieces = record.log, 1
+    if len(log) > MOST_ROWS:
+        pieces = STRETCHES
     firsts = np.linspace(0, len(log), pieces, endpoint=False).astype(int)
     length = min(len(log), MOST_ROWS // pieces)
     return [Portion(log.rows(a, a + length), record.shown[a : a + length]) for a in firsts.tolist()]
 
 
 def _steps(arm: Arm, words: Dictionary) -> list[float]:
-    """Usual sizes by which each parameter is moved for its regressor, away from a bound."""
+    """Choose the step of each parameter, in typical sizes, away from a bound."""
     described = list(arm.parameters.described.values())
-    return [
-        1.0 if described[c.index].low <= c.center + c.unit <= described[c.index].high else -1.0 for c in words.columns
-    ]
+    steps = []
+    for c in words.columns:
+        allowed = described[c.index].low <= c.center + c.unit <= described[c.index].high
+        steps.append(1.0 if allowed else -1.0)
+    return steps
 
 
 def _moved(arm: Arm, words: Dictionary) -> list[Array]:
-    """The robot file's parameters (np) with each column's moved by a usual size, its atom in its shape."""
+    """Return the robot file's parameters (np) with each column's parameter moved by its step, its effect in its
+    shapes."""
     found = []
     for c, step in zip(words.columns, _steps(arm, words), strict=True):
         p = arm.p.copy()
@@ -196,15 +225,17 @@ def _moved(arm: Arm, words: Dictionary) -> list[Array]:
 
 
 def _balances(arm: Arm, part: Portion, points: Sequence[Array]) -> list[list[Array]]:
-    """The missing torque of each balance (B) at some parameters (np) in independent instants in which its motor
-    slides."""
-    sight = Sight(arm, part.log, arm.p, arm.p, {}, ())
+    """Compute the residual torque of each balance (B) under some parameters (np), at independent instants in which its
+    motor slides."""
+    sight = Sight(arm, part.log, (), arm.p, arm.p, {})
     seen = sight.kept & part.at(sight.time)
     sliding = [np.flatnonzero(seen & sight.slides(j))[:: sight.grid.width] for j in range(1, arm.n + 1)]
 
     def balances(p: Array) -> list[Array]:
         missing = sight.missing(p)
-        sides = [missing.motor] if missing.link is None else [missing.motor, missing.link]
+        sides = [missing.motor]
+        if missing.link is not None:
+            sides.append(missing.link)
         return [side[rows, b] for side in sides for b, rows in enumerate(sliding)]
 
     return together(balances, points)

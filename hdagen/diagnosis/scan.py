@@ -1,7 +1,7 @@
-"""Each effect at several sizes, tried where they lie: the start of its fit, and whether it is worth one.
+"""Each effect simulated at several sizes: the start of its fit, and whether the fit is worthwhile.
 
-A slope at size 0 says little of an effect that answers with a corner or moves a resonance by more than its width. So
-every effect is put into the model at a few sizes of either sign, with the base parameters refitted in the linear model.
+A slope at size 0 says little of an effect that has a corner, or that moves a resonance by more than its width. So every
+effect is simulated at a few sizes of either sign, with the base parameters fitted in the linear model.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdagen.diagnosis.candidates import ORDER, Atom, Dictionary
+from hdagen.diagnosis.descent import widths
 from hdagen.diagnosis.design import Design, Point, chosen, residual
 from hdagen.diagnosis.evidence import Scored
-from hdagen.diagnosis.fitting import widths
 from hdagen.diagnosis.starts import shared
 from hdagen.plant import Array
 from hdagen.together import together
 
-SIZES = (-2.0, -0.7, 0.7, 2.0)  # usual sizes
-SEEN = 0.1  # usual sizes of what was read off, from which it is tried
+SIZES = (-2.0, -0.7, 0.7, 2.0)  # typical sizes
+SEEN = 0.1  # typical sizes, from which an initial guess is tried
 TORQUES = (0.03, 1.0)  # sizes of unexplained torque
-AT_ONCE = 32  # points that are judged together
+AT_ONCE = 32  # points that are scored together
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where an atom's fit begins, and by how much the log evidence there is above that of none."""
+    """Where the fit of a candidate starts, and the log evidence that it gains there."""
 
     point: Point
     gain: float
@@ -37,26 +37,38 @@ class Start:
 def scan(
     at: Design, words: Dictionary, lead: Scored | None = None, far: Mapping[int, Array] | None = None
 ) -> dict[int, Start]:
-    """The best start of each atom that is no sum of a sine and a cosine, about the point of ``at``, with the base
-    parameters refitted; about a ``lead`` that stands where it was fitted with everything that it has moved too, as that
-    may stand where it does in place of the atom. ``far``: θ (P) at which some atoms are tried, too."""
-    base = chosen(at, words.focused(lead.atoms) if lead else words.base)
-    sizes = (lead.at.s,) if lead else TORQUES
-    meant = base.words.meant
-    tried = [
-        (k, point)
-        for k, atom in enumerate(words.atoms)
-        if atom.name not in meant
-        for point in [
-            *_displaced(at, words, k, atom),
-            *(_parted(at, words, lead.atoms, k) if lead else []),
-            *([put_sizes(at, words, (k,), far[k])] if far and k in far else []),
-        ]
-    ]
+    """Find the best start of each candidate that is not a sum of a sine and a cosine. The base parameters are fitted
+    with it in the linear model; beside a leader, everything that the leader has moved, too, as that may stand in for
+    the candidate.
+
+    Args:
+        at: sensitivities at the point to start from.
+        words: all candidates.
+        lead: score of the leading hypothesis, if there is one.
+        far: θ (P) at which some candidates are tried, too.
+
+    Returns:
+        The starts by candidate.
+
+    """
+    led: tuple[int, ...] = ()
+    columns = words.base
+    sizes: tuple[float, ...] = TORQUES
+    if lead:
+        columns, led, sizes = words.focused(lead.atoms), lead.atoms, (lead.at.s,)
+    base, tried = chosen(at, columns), []
+    for k, atom in enumerate(words.atoms):
+        if atom.name in base.words.meant:
+            continue
+        points = [*_displaced(at, words, k, atom), *_parted(at, words, led, k)]
+        if far and k in far:
+            points.append(put_sizes(at, words, (k,), far[k]))
+        tried += [(k, point) for point in points]
     seen = at.shooting.near(at.point.lane, [point.lane for _, point in tried])
 
     def evidences(of: Sequence[tuple[tuple[int, ...], Point]], left: Array) -> Array:
-        """Log evidence where atoms stand at points with what that leaves, (B, R, M), in their best size of torque."""
+        """Log evidence of candidates at points with their residuals (B, R, M), at the best size of unexplained
+        torque."""
         bundle = base.bundle([point for _, point in of], left)
         spikes = np.stack([widths(base, free(atoms), point) for atoms, point in of])
         return np.max([bundle.evidences(s, spikes) for s in sizes], axis=0)
@@ -67,10 +79,10 @@ def scan(
 
     def judged(some: slice) -> list[float]:
         left = np.stack([residual(at.shooting, read) for read in seen[some]])
-        of = [((*lead.atoms, k) if lead else (), point) for k, point in tried[some]]
+        of = [((*led, k) if lead else (), point) for k, point in tried[some]]
         return [float(value) - none for value in evidences(of, left)]
 
-    (none,) = map(float, evidences([(lead.atoms if lead else (), base.point)], base.residual[None]))
+    (none,) = map(float, evidences([(led, base.point)], base.residual[None]))
     parts = [slice(first, first + AT_ONCE) for first in range(0, len(tried), AT_ONCE)]
     gains = [gain for part in together(judged, parts) for gain in part]
     found: dict[int, Start] = {}
@@ -81,8 +93,8 @@ def scan(
 
 
 def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]:
-    """Points with the atom as it was read off, and at each of its sizes that its bounds allow, one of its amplitudes at
-    a time."""
+    """List points with the candidate at its initial guess, and at each size within its bounds, one amplitude at a
+    time."""
     columns = [c for c in words.columns if c.atom == k]
     described = list(at.shooting.arm.parameters.described.values())
     found = []
@@ -101,8 +113,8 @@ def _displaced(at: Design, words: Dictionary, k: int, atom: Atom) -> list[Point]
 
 
 def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> list[Point]:
-    """Points with the atom beside each effect of the lead that works on the same commands, both as what is measured of
-    them shows: of a delay the slope of whole rows says nothing."""
+    """List points that share an input effect of the leader with the candidate, as the measured input shows both. The
+    slope of a delay of whole rows says nothing."""
     shooting, atom, found = at.shooting, words.atoms[k], []
     names = list(shooting.arm.parameters.described)
     for i in lead:
@@ -115,7 +127,15 @@ def _parted(at: Design, words: Dictionary, lead: tuple[int, ...], k: int) -> lis
 
 
 def put_sizes(at: Design, words: Dictionary, atoms: tuple[int, ...], theta: Array) -> Point:
-    """The point of ``at`` with atoms in their shapes and at sizes θ (P), as far as their bounds allow."""
+    """Return the point of ``at`` with some candidates in their shapes and at given sizes, within their bounds.
+
+    Args:
+        at: design with its point.
+        words: all candidates.
+        atoms: places of the candidates.
+        theta: θ (P).
+
+    """
     for k in atoms:
         values = {c.index: c.center + float(theta[i]) * c.unit for i, c in enumerate(words.columns) if c.atom == k}
         at = replace(at, point=put(at, words.atoms[k], values))
@@ -123,7 +143,14 @@ def put_sizes(at: Design, words: Dictionary, atoms: tuple[int, ...], theta: Arra
 
 
 def put(at: Design, atom: Atom, values: Mapping[int, float]) -> Point:
-    """The point of ``at`` with the atom's shapes and parameters at ``values``, as far as their bounds allow."""
+    """Return the point of ``at`` with a candidate's shapes and given parameters, within their bounds.
+
+    Args:
+        at: design with its point.
+        atom: the candidate.
+        values: parameters by their place in p.
+
+    """
     p, begun = at.point.p.copy(), at.point.begun
     atom.shape(at.shooting.arm, p)
     for index, value in values.items():

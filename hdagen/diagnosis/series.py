@@ -1,8 +1,8 @@
-"""Whether a drive that the robot file calls rigid has a spring: the same record on a model that has one.
+"""Whether a drive that the robot file calls rigid has a spring: the same record on a model with springs.
 
-Such a model has other states, so it is no candidate among those of the rigid one. It is fitted by itself, with every
-spring free, and what else it misses beside them, from what the rigid one was found to miss; evidence tells which of the
-two models it is.
+Such a model has other states, so it cannot be a candidate among those of the rigid model. It is fitted by itself with
+every spring free, then with further effects taken from the rigid model's result. The evidence chooses between the two
+models.
 """
 
 from __future__ import annotations
@@ -13,26 +13,43 @@ from pathlib import Path
 
 import numpy as np
 
-from hdagen.diagnosis.candidates import Dictionary, dictionary
+from hdagen.diagnosis.candidate_list import dictionary
+from hdagen.diagnosis.candidates import Dictionary
 from hdagen.diagnosis.design import Design, Point, design
+from hdagen.diagnosis.fit_order import bared, best_first, leaves_much
 from hdagen.diagnosis.fitting import Fitted, begun
 from hdagen.diagnosis.portion import Portion
 from hdagen.diagnosis.record import Record, record
-from hdagen.diagnosis.search import TRAILING, Search, bared, best_first, leaves_much, raced
+from hdagen.diagnosis.search import TRAILING, Search, raced
 from hdagen.diagnosis.shooting import Shooting
 from hdagen.diagnosis.starts import suggested
 from hdagen.plant import Arm, Array, load
 
 EFFECT = "missing_compliance"
-SIZES = (1.0, 4.0)  # usual sizes at which it is begun
-STEP = 2.5e-4  # s: springs may get ten times as stiff as usual on the way; what this does not carry is as good as rigid
+SIZES = (1.0, 4.0)  # typical sizes at which a fit with springs starts
+STEP = 2.5e-4  # s, stable for springs ten times as stiff as typical ones; a stiffer spring is as good as rigid
 
 
 def with_springs(
     robot: str | Path, arm: Arm, seen: Record, window: float, found: Search, say: Callable[[str], None]
 ) -> Search:
-    """``found`` in ``seen`` on ``arm``, and what a model with springs in its rigid joints finds there. Raises
-    PlantError."""
+    """Compare the search's result with a model that has springs in its rigid joints.
+
+    Args:
+        robot: a preset or a robot.toml.
+        arm: the compiled model.
+        seen: the record.
+        window: length of a window, s.
+        found: the result of the search.
+        say: receives a sentence as each stage begins.
+
+    Returns:
+        ``found`` with the fits of the model with springs.
+
+    Raises:
+        PlantError: the model cannot be loaded.
+
+    """
     if len(arm.manifest["flexible"]) == arm.n:
         return found
     flexible = load(robot, "native", ("all", EFFECT))
@@ -47,17 +64,17 @@ def with_springs(
     )
     at, field = _begun(shooting, words, found)
     lead = best_first(found.fitted)[0]
-    least = (
-        -np.inf if leaves_much(lead, found.fitted) else lead.reached
-    )  # what leaves little and gains nothing by springs
+    least = -np.inf
+    if not leaves_much(lead, found.fitted):  # a good fit must gain by springs before anything is tried beside them
+        least = lead.reached
     fits = raced(at, words, field, say, least)
     return replace(found, fitted=tuple(bared(best_first([*found.fitted, *fits]))))
 
 
 def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design, list[Fitted]]:
-    """Where a race of springs begins: their design, and the field, at each size the springs alone and, where
-    these promise less than what was ``found`` without has reached, beside that; then alone only if they promise a
-    share of what that gains."""
+    """Start the fits with springs: the springs alone at each size, and beside the effects found, where the springs
+    alone promise less than these have reached. Then the springs alone stay only if they promise a share of that
+    gain."""
     springs = tuple(k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first)
     lead, near = best_first(found.fitted)[0], found.fitted[0].score.at.s
     none = next((fit for fit in found.fitted if not fit.atoms), lead)
@@ -78,7 +95,7 @@ def _begun(shooting: Shooting, words: Dictionary, found: Search) -> tuple[Design
 
 
 def _stiffened(flexible: Arm, words: Dictionary, springs: tuple[int, ...], p: Array, size: float) -> Array:
-    """Parameters (np) with springs at a size, within their bounds."""
+    """Return the parameters (np) with springs at a size, within their bounds."""
     for c in words.columns:
         if c.atom in springs:
             p[c.index] = c.center + size * c.unit
@@ -86,13 +103,13 @@ def _stiffened(flexible: Arm, words: Dictionary, springs: tuple[int, ...], p: Ar
 
 
 def _carried_over(flexible: Arm, lead: Fitted) -> Array:
-    """The parameters (np) of a model with springs as they are where a fit without stands."""
+    """Return the parameters (np) of a model with springs at the point of a fit without."""
     stood = dict(zip(lead.design.shooting.arm.parameters.described, lead.design.point.p, strict=True))
     return np.array([stood.get(name, q.nominal) for name, q in flexible.parameters.described.items()])
 
 
 def _tell_rigid(flexible: Arm, say: Callable[[str], None]) -> None:
-    """Which joints with a rotor have no spring even here, and the number because of which."""
+    """Say which joints with a rotor stay rigid even here, and the number that prevents a spring."""
     for j in range(1, flexible.n + 1):
         inertia = flexible.parameters[f"motor_inertia_{j}"]
         if j not in flexible.manifest["flexible"] and inertia:
@@ -101,7 +118,7 @@ def _tell_rigid(flexible: Arm, say: Callable[[str], None]) -> None:
 
 
 def _narrowed(flexible: Arm) -> None:
-    """Bounds of the springs and of their damping so narrow that the step carries them."""
+    """Limit the springs and their damping to values that the step integrates stably."""
     described = flexible.parameters.described
     names = list(described)
     for place, (least, most) in flexible.carried.springs(STEP).items():

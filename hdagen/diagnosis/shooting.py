@@ -1,17 +1,18 @@
-"""Shooting: what the model predicts in the windows, and how that changes with each parameter, first state and torque.
+"""Multiple shooting: predicted readings in short windows, and their change with each parameter, initial state and
+torque.
 
-A lane is one simulation. Derivatives are differences of lanes: dry friction sticks exactly, so a difference over the
-size that matters is wanted, not a slope at a point. Lanes run side by side, as many as a vector of the library has, and
-such groups in threads; the compiled rollout lets go of the interpreter.
+A lane is one simulation. Derivatives are differences between lanes: dry friction sticks exactly, so a difference over
+the size that matters is wanted, not a slope at a point. Lanes run side by side, as many as a vector of the compiled
+library holds, and such groups run in threads; the compiled rollout releases the interpreter.
 
-A lane in which an effect is there that remembers goes through all windows, others through those alone that are looked
-at; so do lanes near one of which the memory is known, as far as they change nothing that remembers.
+A lane whose effects have a memory runs through all windows, any other lane through the selected windows alone. Near a
+lane whose memory is known, a lane that changes nothing of that memory runs through the selected windows, too.
 
-Memories that the build slows to the robot file's step are slowed as far as the step of the lanes asks for. A lane that
-reads what is no number, or has a window that flies apart and stays where it was last within its limits, is counted as
-failed.
+A build may slow effects' own states to the robot file's step; here they are slowed as far as the lanes' longest step
+requires. A lane counts as failed where a reading is no number, or where a window diverges and stays at its last state
+within the limits.
 
-Legend: T rows, W windows, K windows that are looked at, of R rows, S of them looked at, M channels, L lanes that run at
+Legend: T rows, W windows, K selected windows with R rows, S sampled rows of these, M channels, L lanes that run at
 once, m positions and velocities of the state.
 """
 
@@ -36,20 +37,20 @@ from hdagen.readings import Rows, joint_angles, limits, mechanical, memories, pl
 from hdagen.together import THREADS, together
 from hdagen.torques import full_torsion, torque_per_input
 
-TWISTED = 0.7  # of the torsion at which the spring law ends, that a window may begin with
+TWISTED = 0.7  # of the torsion at which the spring law ends: the largest torsion that a window begins with
 MEMORY = 2**28  # bytes at most for the lanes of a thread, so that a long log runs fewer at once
-FEW = 2  # lanes that are faster one by one than in a vector
-HIGHEST, MARGIN = 0.999, 1.5  # quantile of the torque that motion asks for, and how much more a lane may come to
-STAGES = 4  # whose outcome is kept
-DRIVES = {"motor_current", "motor_torque"}  # what is read of inputs alone
-PROMPT = DRIVES | {"motor_position", "joint_position"}  # of positions, too
+FEW = 2  # lanes that run faster one by one than in a vector
+HIGHEST, MARGIN = 0.999, 1.5  # quantile of the required torque, and the factor by which a lane may exceed it
+STAGES = 4  # effective inputs that are kept for the next lanes
+DRIVES = {"motor_current", "motor_torque"}  # readings that depend on inputs alone
+PROMPT = DRIVES | {"motor_position", "joint_position"}  # readings that depend on inputs or positions alone
 
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """One simulation: parameters (np), first states (W, m), torque (T, n) added at the motors, N m, and impulses on the
-    links, N m s: (T, n), each at its row. ``memory``: effects' own states (K, nx − m) with which the windows that are
-    looked at begin; without, those in which the windows before leave them."""
+    """One simulation: parameters (np), initial states (W, m), torque (T, n) added at the motors, N m, and impulses on
+    the links (T, n), N m s, each at its row. ``memory``: effects' own states (K, nx − m) at which the selected windows
+    begin; without them the lane carries these states on from window to window."""
 
     p: Array
     begun: Array
@@ -60,9 +61,9 @@ class Lane:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Windows that a lane goes through: ``rows`` of the record that it takes inputs from, ``many``; ``edges`` of the
-    windows in them; ``size`` how many rows lie in windows, and which of those in windows that are looked at (``seen``);
-    which of the record's ``windows`` they are."""
+    """The windows of a lane: ``rows`` of the record that give its inputs, ``many`` of them; ``edges`` of the windows in
+    these rows; ``size``: number of rows in windows; ``windows`` of the record; ``seen``: rows in selected windows,
+    among those in windows."""
 
     rows: Rows | slice
     many: int
@@ -73,13 +74,14 @@ class Course:
 
     @classmethod
     def whole(cls, record: Record) -> Course:
-        """All windows of a record."""
+        """Return the schedule of all windows of a record."""
         seen = np.searchsorted(record.rows, record.rows_of(record.kept))
         return cls(slice(None), len(record.time), record.edges, len(record.rows), slice(None), seen)
 
     @classmethod
     def brief(cls, record: Record) -> Course:
-        """Those alone that are looked at, a row between them: none begins as the one before ends."""
+        """Return the schedule of the selected windows alone, with a row between them, as no window begins where the one
+        before ends."""
         first, end = record.starts[record.kept], record.ends[record.kept]
         rows = np.concatenate([np.append(np.arange(a, b), a) for a, b in zip(first, end, strict=True)])
         ends = np.cumsum(end - first + 1) - 1
@@ -90,8 +92,8 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Seat:
-    """Memory that one thread works in, for L lanes: ``inputs``, what acts from each row to the next, ``constants``
-    (L, nc), and states."""
+    """Working memory of one thread for L lanes: ``inputs`` from each row to the next, ``constants`` (L, nc), and
+    states."""
 
     inputs: Array
     constants: Array
@@ -99,13 +101,14 @@ class Seat:
 
     @classmethod
     def of(cls, arm: Arm, record: Record) -> Seat:
-        """For lanes of a record on an arm."""
+        """Allocate the memory for lanes of a record on an arm."""
         shapes = ((len(record.time) + len(record.kept), arm.nu), arm.c.shape, (len(record.rows), arm.nx))
         lanes = min(arm.module.batch_width, max(1, MEMORY // (8 * sum(map(math.prod, shapes)))))
         return cls(*(np.empty((lanes, *shape)) for shape in shapes))
 
     def room(self, course: Course, lanes: int) -> tuple[Array, Array]:
-        """Memory for the inputs (L, rows, nu) and states (L, rows in windows, nx) of ``lanes`` on a course."""
+        """Return memory for the inputs (L, rows, nu) and the states (L, rows in windows, nx) of ``lanes`` on a
+        course."""
         inputs = (lanes, course.many, self.inputs.shape[2])
         states = (lanes, course.size, self.states.shape[2])
         return (
@@ -116,7 +119,7 @@ class Seat:
 
 @dataclass(eq=False)
 class Shooting:
-    """All lanes of one record on one model."""
+    """Simulates the lanes of one record on one model; ``run`` and ``failed`` count them."""
 
     arm: Arm
     record: Record
@@ -133,7 +136,7 @@ class Shooting:
         self.rows = record.rows_of(record.kept)
         self.begins = self.brief.edges[:, 0] - np.arange(len(record.kept))
         self.looked = np.searchsorted(self.rows, record.rows[np.concatenate(record.looked)])
-        self.shown = self.rows[self.looked]  # of the record, those that are looked at
+        self.shown = self.rows[self.looked]  # sampled rows of the record
         self.command = np.ascontiguousarray(record.command[:, : self.arm.n])
         self.seats = SimpleQueue()
         for _ in range(THREADS):
@@ -154,42 +157,79 @@ class Shooting:
         self.counting = Lock()
 
     def _carried(self) -> float:
-        """The step, s, that carries the springs under what the record's motion asks for; the robot file's own was
-        looked at by the build, and is short enough."""
+        """Choose the longest step, s, that keeps the springs stable under the required torque. The robot file's own
+        step was checked by the build and is always short enough."""
         torque = np.abs(asked(self.arm, self.record).torque)
         return self.arm.carried.loaded(self.arm, MARGIN * np.quantile(torque, HIGHEST, axis=0))
 
     def _at(self, p: Array) -> Arm:
-        """The arm with parameters ``p``, its memories slowed as far as the longest step of any lane asks for: lanes of
-        other steps would differ by that, too."""
+        """Return the arm with parameters ``p``. Its slowed states all take the longest step of any lane: otherwise
+        lanes of other steps would differ by that, too."""
         if "memory_step" in self.arm.parameters.described:
             p = p.copy()
             p[self.arm.parameters.place("memory_step")] = self.most / DECAYS
         return self.arm.at(p)
 
     def predict(self, lane: Lane) -> Array:
-        """What the channels read (S, M) in one lane."""
+        """Predict the readings of one lane.
+
+        Args:
+            lane: the simulation.
+
+        Returns:
+            Readings (S, M) in the channels' units.
+
+        """
         return self.all([lane])[0]
 
     def recalled(self, lane: Lane) -> tuple[Array, Array]:
-        """What the channels read (S, M) in one lane, and the effects' own states (K, nx − m) with which the windows
-        that are looked at begin."""
+        """Predict the readings of one lane and keep the memory of its effects.
+
+        Args:
+            lane: the simulation.
+
+        Returns:
+            Readings (S, M), and the effects' own states (K, nx − m) at which the selected windows begin.
+
+        """
         with self._seat() as seat:
             x = self._states(seat, [lane])[0]
             return self._read(lane, x), x[self.begins, self.m :].copy()
 
     def near(self, base: Lane, lanes: Sequence[Lane]) -> list[Array]:
-        """What the channels read (S, M) in lanes near one whose memory is known. Those that have what remembers as it
-        does begin their windows with that: what else they change, they change little in it, and a first state or a
-        torque should only tell of its own window."""
+        """Predict the readings of lanes near one whose memory is known. A lane with the same parameters of effects with
+        memory begins its windows with that memory. Its other changes affect the memory little, and an initial state or
+        a torque should only act in its own window.
+
+        Args:
+            base: the lane whose memory is known.
+            lanes: the lanes near it.
+
+        Returns:
+            Readings (S, M) of each lane.
+
+        """
         own = base.p[self.remembering]
-        alike = [np.array_equal(lane.p[self.remembering], own) for lane in lanes]
-        return self.all([replace(o, memory=base.memory) if a else o for o, a in zip(lanes, alike, strict=True)])
+
+        def with_known_memory(lane: Lane) -> Lane:
+            if np.array_equal(lane.p[self.remembering], own):
+                return replace(lane, memory=base.memory)
+            return lane
+
+        return self.all([with_known_memory(lane) for lane in lanes])
 
     def all(self, lanes: Sequence[Lane]) -> list[Array]:
-        """What the channels read (S, M) in each lane."""
+        """Predict the readings of many lanes.
+
+        Args:
+            lanes: the simulations.
+
+        Returns:
+            Readings (S, M) of each lane.
+
+        """
         alike: dict[tuple[float, bool, bool], list[int]] = {}
-        for k, lane in enumerate(lanes):  # a lane takes its own step in whatever company
+        for k, lane in enumerate(lanes):  # the lanes beside one do not change its step
             kind = self._step(lane), lane.impulse is not None, self._remembers(lane)
             alike.setdefault(kind, []).append(k)
         groups = [group for same in alike.values() for group in self._split(same)]
@@ -200,25 +240,43 @@ class Shooting:
         return [found[k] for k in range(len(lanes))]
 
     def _split(self, lanes: list[int]) -> list[list[int]]:
-        """Groups that run at once, of about one size."""
-        most = 1 if len(lanes) <= FEW else self.width
+        """Split lanes into groups of about one size that run at once."""
+        most = self.width
+        if len(lanes) <= FEW:
+            most = 1
         return [group.tolist() for group in np.array_split(lanes, -(-len(lanes) // most))]
 
     def _step(self, lane: Lane) -> float:
-        """The longest step of a lane, s."""
+        """Return the longest stable step of a lane, s."""
         return min(self.most, self.arm.carried.longest(lane.p))
 
     def _remembers(self, lane: Lane) -> bool:
-        """Whether an effect is there that remembers what was before the windows that are looked at."""
+        """Tell whether an effect of the lane remembers the motion before the selected windows."""
         return lane.memory is None and bool(lane.p[self.loudness].any())
 
     def states(self, lane: Lane) -> Array:
-        """The states (R, nx) of one lane."""
+        """Simulate one lane.
+
+        Args:
+            lane: the simulation.
+
+        Returns:
+            Its states (R, nx).
+
+        """
         with self._seat() as seat:
             return self._states(seat, [lane])[0].copy()
 
     def begun(self, p: Array) -> Array:
-        """First states (W, m) as measured by sensors of parameters ``p``, no spring twisted further than it bears."""
+        """Read the initial states from the sensors. No spring begins with more torsion than it bears.
+
+        Args:
+            p: parameters (np) of the sensors.
+
+        Returns:
+            Positions and velocities (W, m) at the windows' starts.
+
+        """
         x = unread(self.arm.at(p), self.record.begun.copy(), range(1, self.arm.n + 1))
         for j, most in zip(self.arm.manifest["flexible"], self.most_twisted, strict=True):
             motor, joint = (self.arm.index(f"{side}_position_{j}") for side in ("motor", "joint"))
@@ -227,13 +285,13 @@ class Shooting:
         return x[:, : self.m]
 
     def begin(self) -> tuple[Array, Array]:
-        """The robot file's own parameters (np), and the first states (W, m) as measured."""
+        """Return the robot file's parameters (np) and the measured initial states (W, m)."""
         p = self.arm.p.copy()
         return p, self.begun(p)
 
     @contextmanager
     def _seat(self) -> Iterator[Seat]:
-        """One that no other thread uses meanwhile."""
+        """Lend working memory that no other thread uses meanwhile."""
         seat = self.seats.get()
         try:
             yield seat
@@ -241,18 +299,19 @@ class Shooting:
             self.seats.put(seat)
 
     def _run(self, lanes: Sequence[Lane]) -> list[Array]:
-        """What the channels read (S, M) in each of the lanes of a group."""
+        """Predict the readings (S, M) of each lane of a group."""
         with self._seat() as seat:
             return [self._read(lane, x) for lane, x in zip(lanes, self._states(seat, lanes), strict=True)]
 
     def _states(self, seat: Seat, lanes: Sequence[Lane]) -> list[Array]:
-        """The states (R, nx) of each lane."""
-        remembers, many = self._remembers(lanes[0]), len(lanes)
-        course = self.whole if remembers else self.brief
+        """Simulate the states (R, nx) of each lane of a group."""
+        many, course, memory, jump = len(lanes), self.whole, None, None
+        if not self._remembers(lanes[0]):
+            course, memory = self.brief, np.stack([self._memory_of(lane) for lane in lanes])
         inputs, states = seat.room(course, many)
         steps = self.steps[course.rows]
-        memory = None if remembers else np.stack([self.none if lane.memory is None else lane.memory for lane in lanes])
-        jump = np.zeros((many, course.many, self.arm.nx)) if lanes[0].impulse is not None else None
+        if lanes[0].impulse is not None:
+            jump = np.zeros((many, course.many, self.arm.nx))
         for k, lane in enumerate(lanes):
             arm = self._at(lane.p)
             seat.constants[k] = arm.c
@@ -261,12 +320,19 @@ class Shooting:
                 kicked = np.einsum("tij,tj->ti", self.mobility[course.rows], lane.impulse[course.rows])
                 jump[k][:, self.speeds] = kicked
         begun, c = np.stack([lane.begun[course.windows] for lane in lanes]), seat.constants[:many]
-        step = self._step(lanes[0])  # that of all of them
+        step = self._step(lanes[0])  # the lanes of a group share their step
         x = self.arm.windows(begun, course.edges, inputs, steps, step, self.limit, jump, c, states, memory)
         return [one[course.seen] for one in x]
 
+    def _memory_of(self, lane: Lane) -> Array:
+        """Return the effects' own states (K, nx − m) with which a lane's windows begin, 0 if it has none."""
+        if lane.memory is None:
+            return self.none
+        return lane.memory
+
     def _acted(self, arm: Arm) -> tuple[Array, Array]:
-        """What commands make act, and what each row shows of it (T, n each), on an arm; the last few are kept."""
+        """Compute the effective inputs of the commands, and the readings of them (T, n each). The last few results are
+        kept."""
         key = arm.p[self.staging].tobytes()
         found = self.acted.get(key)  # threads share it
         if found is None:
@@ -279,7 +345,7 @@ class Shooting:
         return found
 
     def _drive(self, arm: Arm, lane: Lane, rows: Rows | slice, inputs: Array) -> None:
-        """What acts in a lane, at whose parameters the arm stands, into ``inputs`` (rows, nu)."""
+        """Write the effective inputs of a lane into ``inputs`` (rows, nu); the arm has the lane's parameters."""
         n = arm.n
         inputs[:] = _rows(self.record.command, rows)
         inputs[:, :n] = _rows(self._acted(arm)[0], rows)
@@ -287,7 +353,7 @@ class Shooting:
             inputs[:, :n] += lane.torque[rows] / self.gains
 
     def _read(self, lane: Lane, x: Array) -> Array:
-        """What the channels read (S, M) in a lane that is in the states ``x`` (R, nx)."""
+        """Compute the readings (S, M) of a lane from its states ``x`` (R, nx)."""
         arm = self._at(lane.p)
         if {quantity for quantity, _ in self.record.outputs} <= PROMPT:
             seen = late.positions(arm, self.path, x)
@@ -297,9 +363,12 @@ class Shooting:
             seen = late.read(arm, self.path.time, x, inputs, self.begins)
         acted, told = self._acted(arm)[1], np.empty((len(self.looked), len(self.record.outputs)))
         for k, (quantity, j) in enumerate(self.record.outputs):
-            drives = quantity in DRIVES
-            told[:, k] = acted[:, j - 1].take(self.shown) if drives else seen[quantity][:, j - 1].take(self.looked)
-        told[:] = told if np.isfinite(lane.p).all() else np.nan
+            if quantity in DRIVES:
+                told[:, k] = acted[:, j - 1].take(self.shown)
+            else:
+                told[:, k] = seen[quantity][:, j - 1].take(self.looked)
+        if not np.isfinite(lane.p).all():
+            told[:] = np.nan
         with self.counting:
             self.run += 1
         if not np.isfinite(told).all() or self._stayed(x).any():
@@ -307,22 +376,24 @@ class Shooting:
         return told
 
     def fail(self) -> None:
-        """Counts what has failed, from any thread."""
+        """Count a failed simulation, from any thread."""
         with self.counting:
             self.failed += 1
 
     def _stayed(self, x: Array) -> Mask:
-        """Of which windows (K) the states (R, nx) stay at the end though they move: those fly apart."""
+        """Find the windows (K) whose states (R, nx) end constant at a nonzero speed: those diverged."""
         ends = np.append(self.begins[1:], len(x)) - 1
         return np.asarray((x[ends] == x[ends - 1]).all(1) & x[ends][:, self.moving].any(1))
 
     @cached_property
     def mobility(self) -> Array:
-        """The inverse of the mass matrix (T, n, n) where the arm was measured: what an impulse on the links does."""
+        """Inverse mass matrix (T, n, n) at the measured angles: the response to an impulse on the links."""
         arm, q = self.arm, joint_angles(self.arm, self.record.log)
         return np.asarray(np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n)), float)
 
 
 def _rows(of: Array, rows: Rows | slice) -> Array:
-    """``of[rows]``: whole rows are taken several times as fast as by an index."""
-    return of[rows] if isinstance(rows, slice) else of.take(rows, 0)
+    """Return ``of[rows]``; whole rows are copied several times as fast this way as by an index."""
+    if isinstance(rows, slice):
+        return of[rows]
+    return of.take(rows, 0)

@@ -1,8 +1,8 @@
-"""What acts once: nearly all that a model leaves at a joint lies within one second of the motion.
+"""Events that happen once: nearly all of a joint's remaining error lies within one second of the motion.
 
-A wall that is touched once, or a current at its limit for an instant, is in a few windows of a fit, or in none where
-that second is held out. Other effects are named by what they do again and again, this one cannot be; and where no
-effect is named, that is not sure.
+A wall that is touched once, or a current at its limit for an instant, lies in a few windows of a fit, or in none where
+that second is held out. An effect is named by its repeated action, so such an event cannot be named. Where no effect is
+named, an event makes that unsure.
 """
 
 from __future__ import annotations
@@ -23,25 +23,28 @@ from hdagen.replay import Replay
 
 
 def find_moments(before: Replay, after: Replay, portion: Portion, logs: Sequence[Log]) -> list[dict[str, Any]]:
-    """`moments` of diagnosis.json.
+    """Find the joints whose error lies in one second alone, by all of their encoders: `moments` of diagnosis.json. More
+    than a third of the robot file's error in that second remains, and elsewhere, but for its neighbours, at most a
+    third as much.
 
     Args:
         before: the replay of the robot file.
-        after: that of what is said.
-        portion: all rows that count, those that a fit saw among them.
-        logs: which are joined in it.
+        after: the replay of the verdict.
+        portion: all rows that count, those that a fit used among them.
+        logs: the logs that are joined in it.
 
     Returns:
-        For each joint that errs at one moment alone, by all of its encoders: ``joint``, ``log``, ``span``, the second
-        of it, and ``noise``, what is left then, in multiples of that of the encoder that errs least. More than a third
-        of what the robot file errs by then is left, and nowhere else but next to it a third as much.
+        For each joint: ``joint``, ``log``, ``span`` of that second, and ``noise``, the remaining error in it, in
+        multiples of the noise of the encoder with the smaller error.
 
     """
     starts = before.starts[::BLOCK]
     found = []
     for j in range(1, portion.log.n_joints + 1):
         encoders = [name for name in before.channels if name in (f"motor_position_{j}", f"joint_position_{j}")]
-        errors = [[_seconds(one, name, portion, starts) for one in (before, after)] for name in encoders]
+        errors = []
+        for name in encoders:
+            errors.append([_seconds(one, name, portion, starts) for one in (before, after)])
         at = [_single(*one) for one in errors]
         if not at or None in at or len(set(at)) > 1:
             continue
@@ -54,16 +57,18 @@ def find_moments(before: Replay, after: Replay, portion: Portion, logs: Sequence
 
 
 def _seconds(seen: Replay, name: str, portion: Portion, starts: Rows) -> Array:
-    """What a channel errs by in each second that begins in the rows ``starts`` (S,), in multiples of its noise."""
+    """Compute a channel's error in each second that begins in the rows ``starts`` (S), in multiples of its noise."""
     squares = ((seen.columns[name] - portion.log[name]) / seen.noise[name]) ** 2
     counts = np.add.reduceat(portion.rows.astype(int), starts)
     return np.asarray(np.sqrt(np.add.reduceat(squares * portion.rows, starts) / np.maximum(counts, 1)))
 
 
 def _single(before: Array, after: Array) -> int | None:
-    """The second that, with its neighbours, holds what is left (S,) of what there was ``before`` (S,); None where none
-    does."""
+    """Find the second that, with its neighbours, holds the error ``after`` (S), compared with that ``before`` (S); None
+    where none does."""
     k = int(np.argmax(after))
     elsewhere = after[np.abs(np.arange(len(after)) - k) > 1]
     left = after[k] > max(ABOVE, SHARE * before[k])
-    return k if left and len(elsewhere) and elsewhere.max() <= SHARE * after[k] else None
+    if left and len(elsewhere) and elsewhere.max() <= SHARE * after[k]:
+        return k
+    return None

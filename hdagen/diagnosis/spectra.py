@@ -1,7 +1,7 @@
-"""Spectra of a series by segments, their coherence with another one, and what noise alone reaches of that.
+"""Spectra of a series by segments, their coherence with another series, and the coherence that noise alone reaches.
 
 Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70 (spectra by segments); Carter, Proc. IEEE 75 (1987) 236
-(coherence, and what noise alone reaches).
+(coherence, and its distribution for noise).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from hdagen.diagnosis.missing import Sight
 from hdagen.plant import Array
 
-SEGMENT = 1.0  # s, of a spectrum
-PASSED = 0.4  # of the balance's filter's first zero, up to which a spectrum says something
+SEGMENT = 1.0  # s, length of a segment
+PASSED = 0.4  # of the first zero of the torque balance's filter: the highest frequency of use
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,17 @@ class Spectra:
 
     @classmethod
     def of(cls, values: Array, period: float, segment: float = SEGMENT) -> Spectra:
-        """By segments of ``segment`` s that overlap by half, each less its mean and under Hann's window."""
+        """Transform a series by segments that overlap by half, each without its mean and under Hann's window.
+
+        Args:
+            values: the series (K).
+            period: sampling period, s.
+            segment: length of a segment, s.
+
+        Returns:
+            The spectra.
+
+        """
         rows = min(len(values), max(16, round(segment / period)))
         window = np.hanning(rows)
         parts = np.stack([values[b : b + rows] for b in range(0, len(values) - rows + 1, max(rows // 2, 1))])
@@ -39,34 +49,44 @@ class Spectra:
 
     @property
     def power(self) -> Array:
-        """Mean square of each frequency (F,)."""
+        """Mean square at each frequency (F)."""
         return np.asarray((np.abs(self.segments) ** 2).mean(0))
 
     @property
     def density(self) -> Array:
-        """(F,), unit/√Hz."""
+        """Amplitude spectral density (F), unit/√Hz."""
         return np.sqrt(2 * self.power * self.period / float(self.window @ self.window))
 
     def coherence(self, other: Spectra) -> Array:
-        """(F,) with another series of the same rows, in [0, 1]."""
+        """Return the coherence (F), 0 to 1, with another series of the same rows.
+
+        Args:
+            other: its spectra.
+
+        """
         cross = np.abs((self.segments * other.segments.conj()).mean(0)) ** 2
         both = self.power * other.power
         return np.divide(cross, both, out=np.zeros(len(both)), where=both > 0)
 
     @property
     def free(self) -> float:
-        """How many segments that do not overlap would tell as much, less one."""
+        """Number of independent segments with the same information, less one."""
         return (len(self.segments) - 1) / 2
 
     def chance(self, coherence: float) -> float:
-        """That noise alone has so much of it at one frequency."""
+        """Return the probability that noise alone has as much coherence at one frequency.
+
+        Args:
+            coherence: the coherence, 0 to 1.
+
+        """
         return float((1.0 - coherence) ** self.free)
 
 
 @dataclass(frozen=True)
 class Band:
-    """An octave from ``low`` to ``high``, Hz, with its ``share`` of a series' energy, the ``coherence`` with another
-    one there, weighed by that energy, and how likely noise alone has so much in any of the octaves."""
+    """An octave from ``low`` to ``high``, Hz; ``share``: of a series' energy; ``coherence`` with another series there,
+    weighted by that energy; ``p``: probability that noise alone has as much coherence in any of the octaves."""
 
     low: float
     high: float
@@ -76,11 +96,23 @@ class Band:
 
 
 def loudest(of: Spectra, other: Spectra, passed: NDArray[np.bool_]) -> Band | None:
-    """The octave of the frequencies ``passed`` (F,) in which a series has most energy; None where there is none."""
+    """Find the octave in which a series has most energy.
+
+    Args:
+        of: spectra of the series.
+        other: spectra of another series, for the coherence.
+        passed: mask of the frequencies to use (F).
+
+    Returns:
+        The octave; None where there is no energy.
+
+    """
     rows = np.flatnonzero(passed & (of.frequency > 0))
     power, coherence = of.power[rows], of.coherence(other)[rows]
     octave = np.floor(np.log2(np.maximum(rows, 1))).astype(int)  # from the first frequency above 0 on
-    energy = np.bincount(octave, power) if len(rows) else np.zeros(1)
+    if not len(rows):
+        return None
+    energy = np.bincount(octave, power)
     if not energy.sum() > 0.0:
         return None
     best = int(np.argmax(energy))
@@ -94,8 +126,18 @@ def loudest(of: Spectra, other: Spectra, passed: NDArray[np.bool_]) -> Band | No
 def beside_input(
     sight: Sight, joint: int, at: NDArray[np.bool_], *series: Array
 ) -> tuple[NDArray[np.bool_], list[Spectra]]:
-    """Which frequencies (F,) the balance's filter passes, and the spectra of the motor's input and of each of the
-    ``series``, which are of the instants ``at``."""
+    """Compare series with the input of a motor over frequency.
+
+    Args:
+        sight: the torque balance.
+        joint: the joint.
+        at: mask of the instants (K) of the series.
+        series: the series, one value for each of these instants.
+
+    Returns:
+        A mask of the frequencies (F) that the balance's filter passes, and the spectra of the input and of each series.
+
+    """
     first, last = np.flatnonzero(at)[[0, -1]]
     period, inputs = sight.grid.period, sight.grid.smooth(sight.inputs(sight.after)[:, joint - 1])
     whole = [inputs, *(np.zeros(len(sight.time)) for _ in series)]

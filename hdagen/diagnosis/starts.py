@@ -1,8 +1,8 @@
-"""What a log itself suggests before any search: walls at the ends of a range, what the drive makes of its commands, and
-what the joints' torsion shows.
+"""The initial guess from a log, before any search: walls near the ends of the range, sizes of input effects, and
+estimates from the joints' encoders.
 
-The linear model of an effect is a difference over the size by which its parameter is moved. Where an effect answers to
-its size with a corner (a limit, a delay of whole rows, a wall) that size has to be near the one that reality has.
+The linear model of an effect is a difference over the step of its parameter. Where an effect has a corner (a limit, a
+delay of whole rows, a wall), the step has to be near the true size.
 """
 
 from __future__ import annotations
@@ -17,22 +17,21 @@ from hdagen.diagnosis.torsion import torsion
 from hdagen.plant import Arm, Array
 from hdagen.readings import joint_angles
 
-BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows that lie beyond a wall that is tried
-SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in usual sizes
-SHARES = np.linspace(0.1, 1.0, 19)  # of an input effect, that are left to it beside another one
-SIZED = ("sensor_delay", "backlash_angle")  # read off well enough to be tried at that size
-FRICTION = 0.25  # of the usual input, that is usual of dry friction where nothing else is known
+BEYOND = (0.005, 0.03, 0.1, 0.25)  # shares of the rows beyond a wall: one wall is tried for each
+SIZES = np.geomspace(0.1, 10.0, 25)  # of an input effect, in typical sizes
+SHARES = np.linspace(0.1, 1.0, 19)  # of an input effect's size, that are tried beside a second input effect
+SIZED = ("sensor_delay", "backlash_angle")  # parameters that the encoders give well enough to step by that size
+FRICTION = 0.25  # of the usual input: typical dry friction where the robot file states none
 SIZED_BY = {"N m": "coulomb_friction", "N m s/rad": "viscous_friction", "N m s²/rad²": "viscous_friction"}  # by unit
-LEAST = 0.1  # usual sizes, from which that is worth it
-WORTH = 0.99  # of the error of the current without the effect, below which a size is suggested
+LEAST = 0.1  # typical sizes, from which such a step is used
+WORTH = 0.99  # of the input's error without the effect: a size with a smaller error is suggested
 
 
 @dataclass(frozen=True)
 class Suggested:
-    """``shapes``: values from which the search starts, by shape parameter, in place of the model's; ``sizes``: by how
-    much an amplitude is moved for its column, in its unit; ``seen``: what can be read off the joints' torsion, from
-    which every hypothesis starts as far as it tolerates that, by parameter; ``units``: what is usual of torques and
-    friction at a motor, where the robot file gives none to go by, by parameter."""
+    """``shapes``: starting values by shape parameter, in place of the model's; ``sizes``: step of an amplitude for its
+    column, in its unit; ``seen``: estimates by parameter, from which every hypothesis starts within nuisance sizes;
+    ``units``: typical sizes of torques and friction at a motor, by parameter, where the robot file states none."""
 
     shapes: dict[str, tuple[float, ...]]
     sizes: dict[str, float]
@@ -41,7 +40,16 @@ class Suggested:
 
 
 def suggested(arm: Arm, record: Record) -> Suggested:
-    """All that the log suggests."""
+    """Make the initial guess of a log.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+
+    Returns:
+        The initial guess.
+
+    """
     twisted = torsion(arm, record)
     seen = {name: value for twist in twisted for name, value in twist.seen.items()}
     least = {name: LEAST * (q.typical or np.inf) for name, q in arm.parameters.described.items()}
@@ -53,25 +61,26 @@ def suggested(arm: Arm, record: Record) -> Suggested:
 
 
 def _units(arm: Arm, record: Record) -> dict[str, float]:
-    """What is usual of torques at motors whose robot file has no dry friction, and of friction that grows with speed
-    where it has none of that: in the manifest shares of the largest input, here as many of what the log's usual input
-    makes likely."""
+    """Choose typical torques at motors whose robot file states no dry friction, and typical viscous friction where it
+    states none. The manifest gives these as shares of the largest input; here the same shares apply to the log's usual
+    input."""
     described, usual, found = arm.parameters.described, usual_torque(arm, record), {}
     for effect in arm.manifest["effects"]:
-        for j in effect["joints"] if effect["place"] == "motor" else ():
-            if not j or not usual[j - 1] > 0.0:
+        for j in effect["joints"]:
+            if effect["place"] != "motor" or not j or not usual[j - 1] > 0.0:
                 continue
             scale = FRICTION * usual[j - 1] / float(described[f"coulomb_friction_{j}"].typical or np.inf)
             for name in (f"{amplitude}_{j}" for amplitude in effect["amplitudes"]):
                 q = described.get(name)
-                sized = SIZED_BY.get(q.unit) if q else None
-                if q and q.typical and sized and not described[f"{sized}_{j}"].nominal:
+                if q is None or not q.typical or q.unit not in SIZED_BY:
+                    continue
+                if not described[f"{SIZED_BY[q.unit]}_{j}"].nominal:
                     found[name] = scale * q.typical
     return found
 
 
 def _ends(arm: Arm, record: Record) -> dict[str, tuple[float, ...]]:
-    """Walls near the ends of the range."""
+    """List walls near the ends of each joint's range."""
     found: dict[str, tuple[float, ...]] = {}
     angles = joint_angles(arm, record.log)
     for j in range(1, arm.n + 1):
@@ -83,14 +92,23 @@ def _ends(arm: Arm, record: Record) -> dict[str, tuple[float, ...]]:
 
 
 def _inputs(arm: Arm, record: Record) -> dict[str, float]:
-    """The size of each input effect with which the commands alone give the measured inputs best."""
+    """List the size of each input effect with which the commands alone explain the measured inputs best."""
     described = arm.parameters.described
     return {name: value - described[name].nominal for _, name, _, value, share in driven(arm, record) if share < WORTH}
 
 
 def driven(arm: Arm, record: Record) -> Iterator[tuple[str, str, int, float, float]]:
-    """Of each input effect whose joint's input is measured: its name, its amplitude's, the joint, the value with which
-    the commands alone give that best, and how far (rms) they are from it, as a share of how far without."""
+    """Fit each input effect by itself to the measured input of its joint, from the commands alone.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+
+    Yields:
+        The effect's name, its amplitude's name, the joint, the best value, and the error (rms) as a share of the error
+        without the effect.
+
+    """
     names = [
         (effect["name"], f"{a}_{j}", j)
         for effect in arm.manifest["effects"]
@@ -112,8 +130,20 @@ def driven(arm: Arm, record: Record) -> Iterator[tuple[str, str, int, float, flo
 
 
 def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) -> tuple[float, float]:
-    """The values of an input effect that is ``there`` in the parameters ``p`` (np) and of one ``beside`` it on joint j,
-    with which the commands alone give the measured input best: one may have stood in for both."""
+    """Split one input effect into two that may both be there. The one that a fit found may have stood in for both.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+        p: parameters (np) with the effect found.
+        there: amplitude of that effect.
+        beside: amplitude of the second effect.
+        j: the joint.
+
+    Returns:
+        The values of both with which the commands explain the measured input best.
+
+    """
     described = arm.parameters.described
     places = [list(described).index(name) for name in (there, beside)]
     q, base = described[beside], described[there].nominal
@@ -129,7 +159,6 @@ def shared(arm: Arm, record: Record, p: Array, there: str, beside: str, j: int) 
 
 
 def _error(arm: Arm, record: Record, p: Array, j: int) -> float:
-    """How far (rms) what the commands give under the parameters ``p`` (np) is from what is measured of joint j's
-    input."""
+    """Return the error (rms) of joint j's input as the commands give it under parameters ``p`` (np)."""
     _, at = arm.at(p).acting(record.command[:, : arm.n], record.steps, record.before)
     return float(np.sqrt(np.mean((at[:, j - 1] - record.log[arm.input_names[j - 1]])[record.shown] ** 2)))

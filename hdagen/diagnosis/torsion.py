@@ -1,8 +1,8 @@
-"""What the difference of both encoders of a joint shows beside the torque that twists it: backlash where that changes
-sign, the joint encoder's bias, eccentricity and age, the kinematic error, and walls that push the link back.
+"""Initial guesses from the difference between both encoders of a joint: backlash where the torque changes its sign, the
+joint encoder's bias, eccentricity and delay, the kinematic error, and walls that push the link back.
 
-Least squares, rows that are out of line weighed less, on the torque of the inverse dynamics. The signs: the spring
-holds against what pushes the link back.
+The difference is regressed on the torque of the inverse dynamics, with outlying rows given less weight. Signs: the
+spring holds against whatever pushes the link back.
 """
 
 from __future__ import annotations
@@ -21,21 +21,20 @@ from hdagen.diagnosis.record import Record
 from hdagen.plant import Arm, Array, Parameter
 from hdagen.torques import full_torque, torque_per_input
 
-TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # of the kinematic error, with the words of its parameters
-LOADED = 0.1  # of its usual torque, from which a joint's torque has a sign for certain
-PASSES = 6  # of weighing rows anew
-BEYOND = np.geomspace(0.002, 0.3, 60)  # shares of the rows that lie beyond a wall that is tried
-FINER = 41  # angles between those beside the best of them
-WAVES = 4.0  # usual sizes, that an eccentricity or a kinematic error is read off to have at most
-ALIKE = 1e-10  # of a column's square, that keeps columns apart which a joint that hardly moves does not
-CLEAR = 0.7  # of the sum of what is left of the torque, that a wall must leave at most
-POINTS = 401  # of the law of torsion
-TINY = 1e-300
+TURNS = ((1, "once"), (2, "twice"), (4, "four"))  # orders of the kinematic error, with the words of its parameters
+LOADED = 0.1  # of its usual torque, from which a joint's torque has a certain sign
+PASSES = 6  # reweightings of the rows
+BEYOND = np.geomspace(0.002, 0.3, 60)  # shares of the rows beyond a wall: one wall is tried for each
+FINER = 41  # angles tried between the neighbours of the best one
+WAVES = 4.0  # typical sizes: largest eccentricity or kinematic error that the regression finds
+ALIKE = 1e-10  # of a column's square: ridge for columns that a hardly moving joint does not separate
+CLEAR = 0.7  # of the summed residual torque, that a wall must leave at most
+POINTS = 401  # of the torsion law
 
 
 @dataclass(frozen=True)
 class Twist:
-    """Of one joint: ``seen`` sizes and ``shapes`` by parameter, in its unit."""
+    """Estimates of one joint by parameter: ``seen``, amplitudes, and ``shapes``, each in its unit."""
 
     seen: dict[str, float]
     shapes: dict[str, float]
@@ -43,11 +42,13 @@ class Twist:
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """What lies between the encoders of joint j at T instants: ``twist``, the motor's angle over the ratio less what
-    the joint's encoder reads; ``terms`` (T, P), what a unit of each of the ``parameters`` adds to it; ``borne`` (T, B),
-    what the torque does that the motion asks for; ``driven`` (T, D), what the one does that the motor sends into the
-    gear. ``shown``: instants that the fit sees; ``loaded``: those of them at which the torque has a sign; ``angle`` and
-    ``torque`` of the joint."""
+    """The difference between the encoders of joint j at T instants.
+
+    ``twist``: motor angle over the ratio less the joint encoder's reading; ``terms`` (T, P): change of it for a unit of
+    each of the ``parameters``; ``borne`` (T, B): change by the required torque; ``driven`` (T, D): change by the torque
+    that the motor sends into the gear. ``shown``: instants that the fit may use; ``loaded``: those of them with a
+    certain sign of torque; ``angle`` and ``torque`` of the joint.
+    """
 
     j: int
     parameters: tuple[Parameter, ...]
@@ -61,8 +62,17 @@ class Between:
     torque: Array
 
     def told(self, which: Mask, rows: Mask) -> Array:
-        """Coefficients of the terms of ``which`` parameters and of torque, as ``rows`` tell them; 0 of the others, and
-        of all where there is no row, as of a joint that never bears a torque."""
+        """Regress the twist on some of the terms and on torque.
+
+        Args:
+            which: mask of the parameters (P).
+            rows: mask of the instants (T) to use.
+
+        Returns:
+            Coefficients (P + B); 0 for the other parameters, and for all of them where there is no row, as for a joint
+            that never bears a torque.
+
+        """
         columns = np.concatenate([self.terms[:, which], self.borne], 1)
         some = [q for q, one in zip(self.parameters, which, strict=True) if one]
         found = np.zeros(len(which) + self.borne.shape[1])
@@ -73,13 +83,31 @@ class Between:
         return found
 
     def left(self, values: Array, rows: Mask) -> Array:
-        """The twist in ``rows`` that the coefficients ``values`` leave."""
+        """Subtract the regressed terms from the twist.
+
+        Args:
+            values: coefficients (P + B).
+            rows: mask of the instants (T).
+
+        Returns:
+            The residual in these instants.
+
+        """
         told = np.concatenate([self.terms[rows], self.borne[rows]], 1) @ values
         return np.asarray(self.twist[rows] - told)
 
 
 def between(arm: Arm, record: Record) -> list[Between]:
-    """Each flexible joint with both encoders."""
+    """Compare the encoders of each flexible joint that has both.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+
+    Returns:
+        One difference a joint.
+
+    """
     log, n, described = record.log, arm.n, arm.parameters.described
     if not arm.manifest["flexible"] or any(f"joint_position_{j}" not in log for j in range(1, n + 1)):
         return []
@@ -105,8 +133,8 @@ def between(arm: Arm, record: Record) -> list[Between]:
 
 
 def _driven(arm: Arm, record: Record, grid: Even, j: int) -> Array:
-    """The torque (T), at the joint, that motor j sends into its gear: that of its input, measured where it is, less
-    what moves the rotor and the robot file's friction."""
+    """Compute the torque (T), at the joint, that motor j sends into its gear: the torque of its input, measured if it
+    is logged, less the rotor's inertia and the robot file's friction."""
     log, p = record.log, arm.parameters
     name = arm.input_names[j - 1]
     drives = torque_per_input(arm)[j - 1] * (log[name] if name in log else record.command[:, j - 1])
@@ -117,28 +145,37 @@ def _driven(arm: Arm, record: Record, grid: Even, j: int) -> Array:
 
 
 def torsion(arm: Arm, record: Record) -> list[Twist]:
-    """What each flexible joint with both encoders shows."""
+    """Estimate parameters from the difference between the encoders of each flexible joint that has both.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+
+    Returns:
+        The estimates of each joint.
+
+    """
     found = []
     for one in between(arm, record):
         j, law = one.j, _law(arm, one.j)
         values = one.told(np.ones(len(one.parameters), bool), one.loaded)
         seen = {q.name: float(value) for q, value in zip(one.parameters, values, strict=False)}
         borne = one.twist - one.terms @ values[: len(seen)]
-        untold = np.interp(borne, law[1], law[0]) - one.torque  # what pushes the link back
+        untold = np.interp(borne, law[1], law[0]) - one.torque  # torque that pushes the link back
         sizes, shapes = _walls(arm, j, one.angle[one.shown], untold[one.shown])
         found.append(Twist(seen | _zeroed(j, seen) | sizes, shapes))
     return found
 
 
 def _law(arm: Arm, j: int) -> tuple[Array, Array]:
-    """Torques at joint j, rising, and the torsion that each twists it by in the robot file's law."""
+    """Return rising torques at joint j and the torsion of each by the robot file's law."""
     torque = np.linspace(-1.0, 1.0, POINTS)[:, None] * full_torque(arm)
     return torque[:, j - 1], arm.evaluate("torsion", joint_torque=torque)["torsion"][:, j - 1]
 
 
 def _walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, float], dict[str, float]]:
-    """Stiffness and angle of the wall above and of the one below that tell most of the torque with which joint j is
-    pushed back, each where one stands out and is stiffer than what is usual."""
+    """Find the stiffness and angle of a wall above and of one below that explain most of the torque that pushes joint j
+    back, if it stands out and is stiffer than a typical one."""
     sizes, shapes = {}, {}
     for side, sign in (("above", 1.0), ("below", -1.0)):
         name = f"contact_stiffness_{side}_{j}"
@@ -156,33 +193,38 @@ def _walls(arm: Arm, j: int, angle: Array, torque: Array) -> tuple[dict[str, flo
 
 
 def _wall(tried: Array, toward: Array, pushed: Array) -> tuple[int, float, float]:
-    """Which of the angles ``tried`` tells the torque best as that of a wall, with its stiffness and what it misses."""
+    """Choose the angle of ``tried`` whose wall explains the torque best, with its stiffness and its misfit."""
     fits = [_spring(np.maximum(toward - at, 0.0), pushed) for at in tried]
     best = int(np.argmin([missed for _, missed in fits]))
     return best, *fits[best]
 
 
 def _spring(depth: Array, torque: Array) -> tuple[float, float]:
-    """The stiffness that gives ``torque`` with the least sum of errors, and that sum: bounces err much in few rows."""
+    """Fit the stiffness that gives ``torque`` with the least sum of errors, which bounces in few rows hardly change."""
     within = depth > 0
     rates, weights = torque[within] / depth[within], depth[within]
     order = np.argsort(rates)
     half = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
-    stiffness = max(float(rates[order][min(half, len(order) - 1)]), 0.0) if len(order) else 0.0
+    stiffness = 0.0
+    if len(order):
+        stiffness = max(float(rates[order][min(half, len(order) - 1)]), 0.0)
     return stiffness, float(np.abs(torque - stiffness * depth).sum())
 
 
 def _zeroed(j: int, found: Mapping[str, float]) -> dict[str, float]:
-    """The constant between the encoders: as much of it as may come from where an encoder off centre was set to zero."""
+    """Split the constant between the encoders: an eccentric encoder may cause it where it was set to zero."""
     bias = found.get(f"encoder_bias_{j}", 0.0)
     most = math.hypot(found.get(f"eccentricity_sine_{j}", 0.0), found.get(f"eccentricity_cosine_{j}", 0.0))
     zero = float(np.clip(-bias, -most, most))
     both = {f"encoder_bias_{j}": bias + zero, f"eccentricity_zero_{j}": zero}
-    return both if most > 0 and f"encoder_bias_{j}" in found else {}
+    if most > 0 and f"encoder_bias_{j}" in found:
+        return both
+    return {}
 
 
 def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Array]:
-    """What a unit of each parameter adds to the motor's angle over the ratio less what the joint's encoder reads."""
+    """Return the change of the motor's angle over the ratio less the joint encoder's reading, for a unit of each
+    parameter."""
     angle = q[:, j - 1]
     terms = {
         f"encoder_bias_{j}": -np.ones_like(angle),
@@ -198,18 +240,20 @@ def _terms(j: int, theta: Array, q: Array, v: Array, tau: Array) -> dict[str, Ar
 
 
 def _bounds(terms: Sequence[Parameter], columns: Array) -> Bounds:
-    """Lowest and highest coefficient of each column, the first being those of ``terms``. A wave is held to a few of its
-    usual size: a bias and the arc of a large one together are a parabola, which told the torque of a wall."""
+    """Bound each column's coefficient; the first columns are those of ``terms``. A wave is held to a few typical sizes:
+    a bias and an arc of a large wave form a parabola, which would explain the torque of a wall."""
     most = np.full(columns.shape[1], np.inf)
     low, high = -most, most
     for k, q in enumerate(terms):
-        reach = WAVES * (q.typical or 0.0) if q.name.startswith(("eccentricity", "kinematic")) else np.inf
+        reach = np.inf
+        if q.name.startswith(("eccentricity", "kinematic")):
+            reach = WAVES * (q.typical or 0.0)
         low[k], high[k] = max(q.low, -reach), min(q.high, reach)
     return low, high
 
 
 def _regressed(matrix: Array, sought: Array, bounds: Bounds) -> Array:
-    """Coefficients of the columns of ``matrix`` within ``bounds`` that give ``sought`` best."""
+    """Regress ``sought`` on the columns of ``matrix`` within ``bounds``, with outlying rows given less weight."""
     scale = np.maximum(np.abs(matrix).max(0), 1e-300)
     matrix, weight, (low, high) = matrix / scale, np.ones(len(sought)), bounds
     for _ in range(PASSES):

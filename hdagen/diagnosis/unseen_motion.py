@@ -1,4 +1,4 @@
-"""Motion that no fit saw, with what is left of it before any effect is in the model."""
+"""Held-out motion, with the error that remains before any effect is in the model."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Simulate = Callable[[Arm], Replay]
 
 @dataclass(frozen=True, eq=False)
 class UnseenMotion:
-    """A ``portion`` of logs; ``simulate`` replays these logs on an arm. ``before`` is the replay of the robot file,
-    ``base`` that of its base parameters refitted with no effect, ``flexible`` the best that these and a correction
-    without structure leave."""
+    """A held-out ``portion`` of logs; ``simulate`` replays these logs on an arm. ``before``: replay of the robot file;
+    ``base``: replay with its base parameters fitted and no effect; ``flexible``: the best replay of these and of a
+    correction without structure."""
 
     portion: Portion
     simulate: Simulate
@@ -29,24 +29,19 @@ class UnseenMotion:
     flexible: Replay
 
     def measure_gap(self, after: Replay) -> dict[str, Any]:
-        """`gap` of diagnosis.json.
+        """Measure the gap: `gap` of diagnosis.json.
 
         Args:
             after: a replay of the same logs.
 
         Returns:
-            What it leaves of what the robot file errs by.
+            The error that it leaves, compared with that of the robot file.
 
         """
         return gap(self.before, after, self.portion, self.flexible)
 
     def halve(self) -> tuple[UnseenMotion, UnseenMotion]:
-        """Part it into what decides and what is reported.
-
-        Returns:
-            Every other second of it, and the rest.
-
-        """
+        """Split the motion into the even seconds, which decide, and the odd seconds, which are reported."""
         first, second = (replace(self, portion=half) for half in halve(self.portion))
         return first, second
 
@@ -54,17 +49,17 @@ class UnseenMotion:
 def measure_unseen(
     plain: Arm, base: verdict.Verdict, shown: Portion, portion: Portion, simulate: Simulate
 ) -> UnseenMotion:
-    """Replay motion that no fit saw without any effect.
+    """Replay held-out motion without any effect.
 
     Args:
         plain: the robot file's model.
-        base: its parameters as they are refitted with no effect.
-        shown: the motion that a correction without structure is fitted to.
-        portion: the motion that no fit saw.
+        base: its parameters as fitted with no effect.
+        shown: the motion to which a correction without structure is fitted.
+        portion: the held-out motion.
         simulate: replays its logs on an arm.
 
     Returns:
-        That motion, but for windows that begin in motion at a guess, which would tell of itself.
+        That motion, without windows that begin in motion at a guessed velocity, whose error would be the guess's.
 
     Raises:
         PlantError: a model cannot be simulated.

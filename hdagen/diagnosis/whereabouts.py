@@ -1,8 +1,9 @@
-"""Where the gap lies: joint and place with their share of what the verdict closes, and when it shows.
+"""Where the gap lies: joint and place with their share of the gap that the verdict closes, and the regime in which it
+shows.
 
-A share is what comes back when one thing is taken out of the model after the verdict, an effect or the base parameters
-of one place, in windows that begin where the replay after the verdict says. Shares are taken of the logarithm of the
-gap, as the gap itself is a geometric mean, and sum to 1.
+A share is the gap that returns when one part is taken out of the model after the verdict: an effect, or the base
+parameters of one place. Windows begin in the states of the replay after the verdict. Shares are taken of the logarithm
+of the gap, as the gap itself is a geometric mean, and sum to 1.
 
 Legend: T rows, W windows, K instants.
 """
@@ -26,21 +27,21 @@ from hdagen.plant import Array
 from hdagen.readings import limits, mechanical
 
 PLACES = ("input", "motor", "transmission", "link", "sensor")
-APART = 1e3  # stands for the logarithm of a gap that is infinite
-FEW = 0.01  # a share of base parameters below which a place is not named
-CONSTANT = 0.8  # of the rms, from where a mean is the most of it
-MUCH = 0.2  # of a variance, from where a regressor is named
+APART = 1e3  # replaces the logarithm of an infinite gap
+FEW = 0.01  # share of the closed gap, below which the base parameters of a place are not named
+CONSTANT = 0.8  # of the rms: with a larger mean a quantity is mostly constant
+MUCH = 0.2  # of a variance: a regressor that explains less is not named
 STEP = 1e-3  # s, of integration
 TURN = "the angle within a turn of the motor"
-ORDERS = range(1, 25)  # cycles a turn of the motor
-SECOND = 1.0  # s of motion that count as one where it is asked how often something tells
+ORDERS = range(1, 25)  # cycles in a turn of the motor
+SECOND = 1.0  # s, length of the blocks that the share's interval and the test of signs count
 _SPRINGS = ("flexspline_", "wave_generator_", "torsional_")
 _LINKS = ("mass_", "center_of_mass_", "inertia_", "length_", "gravity_", "payload_")
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What is taken out: its name, joint, place, and its places in p."""
+    """The part that is taken out: its name, joint, place, and its places in p."""
 
     name: str
     joint: int
@@ -50,8 +51,8 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """The missing quantity that shows a place best: ``before`` and ``after`` the verdict and what the verdict's effect
-    ``adds`` (K,), at the instants ``at`` of a sight that count (K of them)."""
+    """The residual that shows a place best: ``before`` and ``after`` the verdict, and the part ``adds`` that the
+    verdict's effect adds (K each), at the valid instants ``at`` of the torque balance."""
 
     words: str
     unit: str
@@ -62,8 +63,18 @@ class Trace:
 
 
 def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str, Any]]:
-    """`where` of a diagnosis.json: the verdict's effects in its order, what is unknown last of them, then what the base
-    parameters close in ``rows`` (T) of the log; beside something unknown alone those are not told."""
+    """Locate the gap: `where` of diagnosis.json.
+
+    Args:
+        sight: the torque balance before and after the verdict.
+        content: content of a diagnosis.json.
+        rows: mask of the log's rows (T) to count.
+
+    Returns:
+        The verdict's effects in its order, unknown ones last, then the places of base parameters that close a share.
+        With unknown effects alone, these places are left out.
+
+    """
     verdict = [entry for entry in content["verdict"] if not entry.startswith("unknown@")]
     strange = [entry for entry in content["verdict"] if entry not in verdict]
     left = [_unknown(sight, int(entry.partition("@")[2]), rows) for entry in strange]
@@ -78,16 +89,22 @@ def where(sight: Sight, content: Mapping[str, Any], rows: Mask) -> list[dict[str
     entries = []
     for k in (*effects, *others):
         part = parts[k]
-        said = (
-            _when(sight, part) if k in effects else f"Base parameters, {part.name}, within their tolerance: {often[k]}."
-        )
+        said = f"Base parameters, {part.name}, within their tolerance: {often[k]}."
+        if k in effects:
+            said = _when(sight, part)
         share = {"share": round(shares[k], 4), "interval": intervals[k]}
         entries.append({"joint": part.joint, "place": part.place, **share, "when": said})
     return entries[: len(effects)] + left + entries[len(effects) :]
 
 
 def place_of(sight: Sight, entry: str) -> str:
-    """The place of an effect by name@joint, as its equation states."""
+    """Return the place of an effect, as its equation states.
+
+    Args:
+        sight: the torque balance.
+        entry: the effect, name@joint.
+
+    """
     effect = entry.partition("@")[0]
     return next((str(e["place"]) for e in sight.arm.manifest["effects"] if e["name"] == effect), "motor")
 
@@ -109,12 +126,14 @@ def _parts(sight: Sight, verdict: list[str]) -> list[Part]:
 def _base_place(name: str) -> str:
     if name.startswith(_SPRINGS):
         return "transmission"
-    return "link" if name.startswith(_LINKS) else "motor"
+    if name.startswith(_LINKS):
+        return "link"
+    return "motor"
 
 
 def _shares(sight: Sight, parts: list[Part], rows: Mask) -> tuple[list[float], list[list[float] | None], list[str]]:
-    """Of the closed gap (one for each part, from 0; they sum to 1), their intervals from seconds of motion drawn with
-    replacement, the same for all, and in how much of the motion each tells."""
+    """Compute the shares of the closed gap (one for each part, at least 0, sum 1), their intervals by a bootstrap of
+    seconds, and a sentence on how much of the motion each one affects."""
     seconds = np.floor((sight.log.time - sight.log.time[0]) / SECOND).astype(int)
     whole = _squares(sight, sight.after, rows, seconds)
     without = []
@@ -134,8 +153,8 @@ def _shares(sight: Sight, parts: list[Part], rows: Mask) -> tuple[list[float], l
 
 
 def _parted(back: Array) -> Array:
-    """Shares (…, parts) of what comes back of the logarithm of the gap where each part is taken out; all of it is the
-    first one's where nothing does."""
+    """Turn the returned part of the log gap into shares (…, parts); all of it is the first part's where nothing
+    returns."""
     back = np.maximum(np.nan_to_num(back, posinf=APART), 0.0)
     total = back.sum(-1, keepdims=True)
     first = np.arange(back.shape[-1]) == 0
@@ -143,21 +162,22 @@ def _parted(back: Array) -> Array:
 
 
 def _told(worse: Array) -> str:
-    """In how many seconds of the motion a model is worse than another by ``worse`` (S,), and how likely chance alone
-    does that (a test of signs)."""
+    """Say in how many seconds of the motion a model is worse than another by ``worse`` (S), with the significance of a
+    sign test."""
     up, down = int(np.count_nonzero(worse > 0)), int(np.count_nonzero(worse < 0))
     ways: int = sum(math.comb(up + down, k) for k in range(up, up + down + 1))
     return f"without them {up} of {len(worse)} s of motion are told worse {_p(ways / 2 ** (up + down))}"
 
 
 def _gap(squares: Array) -> Array:
-    """Logarithm of the gap of sums of squared errors in multiples of noise, and of how many (…, channels, 2)."""
+    """Return the logarithm of the gap from sums of squared errors, in multiples of noise, and their counts (…,
+    channels, 2)."""
     return np.asarray(0.5 * np.log(np.maximum(squares[..., 0] / squares[..., 1], 1.0)).mean(-1))
 
 
 def _squares(sight: Sight, p: Array, rows: Mask, seconds: np.ndarray) -> Array:
-    """Sums of squared errors in multiples of noise, and of how many, in each second that has ``rows`` (S, channels, 2),
-    of windows that begin where the replay after the verdict says."""
+    """Sum the squared errors, in multiples of noise, and count them, in each second that has ``rows``: (S, channels,
+    2). Windows begin in the states of the replay after the verdict."""
     arm, log, after = sight.arm.at(p), sight.log, sight.replays[1]
     acting, shown = sight.commanded(p)
     ends = np.append(after.starts[1:], len(log))
@@ -169,7 +189,7 @@ def _squares(sight: Sight, p: Array, rows: Mask, seconds: np.ndarray) -> Array:
     found = []
     for name in after.channels:
         quantity, _, j = name.rpartition("_")
-        read = seen[quantity][:, int(j) - 1] if quantity in seen else shown[:, int(j) - 1]
+        read = seen.get(quantity, shown)[:, int(j) - 1]
         if quantity == "motor_torque" and arm.input_names[int(j) - 1].startswith("motor_current"):
             read = read * arm.parameters.described[f"torque_constant_{j}"].nominal
         errors = ((read - log[name])[rows] / after.noise[name]) ** 2
@@ -178,12 +198,14 @@ def _squares(sight: Sight, p: Array, rows: Mask, seconds: np.ndarray) -> Array:
 
 
 def _unknown(sight: Sight, joint: int, rows: Mask) -> dict[str, Any]:
-    """A gap that no effect explains: its place is where most torque is missing, its share that of what is left."""
+    """Describe a gap that no effect explains: its place is that of the largest residual torque, its share that of the
+    remaining error."""
     left = sight.missing(sight.after)
     place = "motor"
     if left.link is not None:
         sizes = [np.sqrt(np.mean(side[sight.kept, joint - 1] ** 2)) for side in (left.motor, left.link)]
-        place = "link" if sizes[1] / abs(sight.ratio[joint - 1]) > sizes[0] else "motor"
+        if sizes[1] / abs(sight.ratio[joint - 1]) > sizes[0]:
+            place = "link"
     after = sight.replays[1]
     squares: dict[int, float] = {}
     for name in after.channels:
@@ -196,7 +218,18 @@ def _unknown(sight: Sight, joint: int, rows: Mask) -> dict[str, Any]:
 
 
 def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:
-    """What is missing, as it shows at ``place`` of ``joint``, with what the effect ``entry`` adds there."""
+    """Compute the residual as it shows at one place of a joint, and the part of an effect in it.
+
+    Args:
+        sight: the torque balance.
+        place: input, motor, transmission, link or sensor.
+        joint: the joint.
+        entry: the effect, name@joint.
+
+    Returns:
+        The residual before and after the verdict.
+
+    """
     j, less, ok = joint - 1, sight.without(entry), sight.kept
     if place == "input" and sight.driven(joint):
         return _of_input(sight, joint, less)
@@ -227,7 +260,7 @@ def trace(sight: Sight, place: str, joint: int, entry: str) -> Trace:
 
 
 def _of_input(sight: Sight, joint: int, less: Array) -> Trace:
-    """Measured input less what the model makes of the command."""
+    """Compute the measured input less the model's response to the command."""
     name, log, ok = sight.arm.input_names[joint - 1], sight.log, sight.kept
 
     def seen(values: Array) -> Array:
@@ -240,7 +273,14 @@ def _of_input(sight: Sight, joint: int, less: Array) -> Trace:
 
 
 def regressors(sight: Sight, joint: int, at: np.ndarray) -> list[Regressor]:
-    """What a missing quantity may go with at the instants ``at`` (K,)."""
+    """List the regressors that a residual may depend on.
+
+    Args:
+        sight: the torque balance.
+        joint: the joint.
+        at: mask of the instants (K).
+
+    """
     column, torque = sight.column, sight.link_torque(sight.after)
     angle, speed = column("motor_position", joint), column("motor_velocity", joint)
     current = sight.inputs(sight.after)[:, joint - 1]
@@ -261,24 +301,39 @@ def regressors(sight: Sight, joint: int, at: np.ndarray) -> list[Regressor]:
 
 
 def since_reversal(sight: Sight, joint: int) -> Array:
-    """Time since the motor last changed its direction (K,), s; from the log's begin on where it has not yet."""
+    """Measure the time since the motor last changed its direction, or since the log's begin.
+
+    Args:
+        sight: the torque balance.
+        joint: the joint.
+
+    Returns:
+        Time (K), s.
+
+    """
     direction = sight.direction[:, joint - 1]
     moving = np.flatnonzero(direction)
     turned = moving[1:][np.diff(direction[moving]) != 0]
     last = np.searchsorted(turned, np.arange(len(direction)), side="right") - 1
-    begun = np.where(last >= 0, turned[np.maximum(last, 0)] if len(turned) else 0, 0)
+    begun = np.zeros(len(direction), int)
+    begun[last >= 0] = turned[last[last >= 0]]
     return np.asarray(sight.time - sight.time[begun])
 
 
 def _when(sight: Sight, part: Part) -> str:
-    """One sentence: with what the missing quantity goes, and where its energy lies, each with its significance."""
+    """Describe in one sentence the regressor that explains the residual, and where its energy lies, each with its
+    significance."""
     joint = max(part.joint, 1)
     seen = trace(sight, part.place, joint, part.name)
     unknown = part.name.startswith("unknown")
-    quantity = seen.after if unknown else seen.after + seen.adds
-    energy = seen.after**2 if unknown else quantity**2 - seen.after**2
+    quantity, energy = seen.after, seen.after**2
+    if not unknown:
+        quantity = seen.after + seen.adds
+        energy = quantity**2 - seen.after**2
     around = regressors(sight, joint, seen.at)
-    clear = sight.slides(joint)[seen.at] if part.place == "motor" else np.ones(len(quantity), bool)
+    clear = np.ones(len(quantity), bool)
+    if part.place == "motor":
+        clear = sight.slides(joint)[seen.at]
     moving = [Regressor(r.name, r.unit, r.values[clear], r.size) for r in around]
     goes = next((e for e in explained(quantity[clear], moving) if e.p <= LEAST and e.share >= MUCH), None)
     sits = next((c for c in concentrated(energy, around) if c.p <= LEAST), None)
@@ -305,10 +360,12 @@ def _often(turn: Periodic) -> str:
 
 
 def _over_frequency(sight: Sight, joint: int, quantity: Array, at: np.ndarray) -> str:
-    """A sentence to add: the octave with most of the energy, and how much of it follows the input in a straight line;
-    none where the motion is too short to tell."""
+    """Add a sentence on the octave with most energy, and how much of it follows the input linearly; nothing where the
+    motion is too short."""
     passed, (inputs, own) = beside_input(sight, joint, at, quantity)
-    band = loudest(own, inputs, passed) if own.free >= 1.0 else None
+    if own.free < 1.0:
+        return ""
+    band = loudest(own, inputs, passed)
     if band is None:
         return ""
     return (
@@ -318,8 +375,11 @@ def _over_frequency(sight: Sight, joint: int, quantity: Array, at: np.ndarray) -
 
 
 def _lies(sits: Concentrated) -> str:
-    name = f"the size of {sits.regressor.name}" if sits.regressor.size else sits.regressor.name
-    side = "below" if sits.below else "above"
+    name, side = sits.regressor.name, "above"
+    if sits.regressor.size:
+        name = f"the size of {name}"
+    if sits.below:
+        side = "below"
     return (
         f"has {min(100 * sits.share, 100):.0f} % of its energy where {name} is {side} {sits.edge:.3g} "
         f"{sits.regressor.unit}, {100 * sits.part:.0f} % of the time {_p(sits.p)}"
