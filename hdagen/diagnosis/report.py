@@ -89,10 +89,10 @@ def _candidates(content: dict[str, Any]) -> Section:
             f"\n\n{this} log would not show, even in their usual size: {', '.join(words(o) for o in unseen)}. "
             "hdagen excite designs a motion that does, of those that show in the encoders and the current at all."
         )
-    return Section("How sure", text, [*figures, _hypotheses(rows, named), *_alone(content)])
+    return Section("How sure", text, [*figures, _show_hypotheses(rows, named), *_alone(content)])
 
 
-def _hypotheses(rows: list[list[Any]], named: int) -> str:
+def _show_hypotheses(rows: list[list[Any]], named: int) -> str:
     """A table of the first ``named`` hypotheses, each with its probability."""
     caption = ""
     if len(rows) > named:
@@ -185,7 +185,7 @@ def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
     if entries:
         main = entries[0]
     joint = max(main["joint"], 1)
-    figures = [*_shares(content), *maps(sight, joint, main["place"], next(iter(verdict), ""))]
+    figures = [*_show_shares(content), *maps(sight, joint, main["place"], next(iter(verdict), ""))]
     balance = (
         "Missing torque is what the measured motion needs beyond what the model gives in the measured states, through "
         "one filter for both; it needs no replay."
@@ -206,7 +206,7 @@ def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
     return [Section(heading, "", drawn), located]
 
 
-def _shares(content: dict[str, Any]) -> list[str]:
+def _show_shares(content: dict[str, Any]) -> list[str]:
     """The share of each named effect in the closed gap, and that of base parameters; no figure where none is known."""
     verdict, named = content["verdict"], []
     known: list[dict[str, Any]] = []

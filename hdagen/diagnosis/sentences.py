@@ -27,7 +27,7 @@ def sentence(content: dict[str, Any]) -> str:
 
     """
     gap = content["gap"]
-    text = f"{_verdict(content)}. {_gap(content)}{_beside(gap)}."
+    text = f"{_say_verdict(content)}. {_say_gap(content)}{_beside(gap)}."
     if content["contradicted"]:
         text += f" {say_contradiction(content['contradicted'])}"
     for remark in (_remains, _moments, _ends, _more, _contradictions, _still):
@@ -35,7 +35,7 @@ def sentence(content: dict[str, Any]) -> str:
     return text
 
 
-def _verdict(content: dict[str, Any]) -> str:
+def _say_verdict(content: dict[str, Any]) -> str:
     """The verdict, and that it is not sure where it is not."""
     verdict = content["verdict"]
     named = [entry for entry in verdict if not entry.startswith("unknown@")]
@@ -44,14 +44,14 @@ def _verdict(content: dict[str, Any]) -> str:
     elif not named:
         said = f"{_joints(verdict)} something that no known effect explains{_though(content['doubted'])}"
     else:
-        each, verb = _each(named), _agree(named, "is", "are")
-        said = f"{each[0].upper()}{each[1:]} {verb} missing in the model{_probability(content, named)}"
+        each, verb = _each(named), _agree_in_number(named, "is", "are")
+        said = f"{each[0].upper()}{each[1:]} {verb} missing in the model{_say_probability(content, named)}"
     if not content["sure"] and not content["contradicted"]:
         said += "; this is not sure"
     return said
 
 
-def _probability(content: dict[str, Any], named: Sequence[str]) -> str:
+def _say_probability(content: dict[str, Any], named: Sequence[str]) -> str:
     """The probability of a verdict with ``named`` effects, in brackets; "" where no hypothesis has these."""
     sets = sorted(named), sorted(content["verdict"])
     p = next((h["probability"] for h in content["hypotheses"] if sorted(h["effects"]) in sets), None)
@@ -60,7 +60,7 @@ def _probability(content: dict[str, Any], named: Sequence[str]) -> str:
     return f" (probability {p:.2f}{calibrated(content)})"
 
 
-def _gap(content: dict[str, Any]) -> str:
+def _say_gap(content: dict[str, Any]) -> str:
     """The gap before and after, and the share of it that is closed."""
     gap = content["gap"]
     said = "On held-out motion the gap goes"
@@ -78,7 +78,7 @@ def _gap(content: dict[str, Any]) -> str:
     return f"{said}: {100 * gap['shrink']:.0f} %{spread} of what lies above the noise is closed"
 
 
-def _agree(entries: Sequence[Any], one: str, several: str) -> str:
+def _agree_in_number(entries: Sequence[Any], one: str, several: str) -> str:
     """The word for one entry, or that for several."""
     if len(entries) == 1:
         return one
@@ -126,7 +126,7 @@ def _still(content: dict[str, Any]) -> str:
     still = content.get("data", {}).get("still", ())
     if not still:
         return ""
-    which = _agree(still, f"Joint {still[0]} does", f"Joints {', '.join(map(str, still))} do")
+    which = _agree_in_number(still, f"Joint {still[0]} does", f"Joints {', '.join(map(str, still))} do")
     return (
         f" {which} not move in the log: of what acts in motion nothing can be told there (hdagen excite robot.toml "
         f"--joint {still[0]} designs a motion that shows it)."
@@ -136,7 +136,7 @@ def _still(content: dict[str, Any]) -> str:
 def _joints(entries: Sequence[str]) -> str:
     """The joints of entries name@joint that miss something."""
     numbers = [entry.partition("@")[2] for entry in entries]
-    return _agree(numbers, f"Joint {numbers[0]} misses", f"Joints {', '.join(numbers)} miss")
+    return _agree_in_number(numbers, f"Joint {numbers[0]} misses", f"Joints {', '.join(numbers)} miss")
 
 
 def _remains(content: dict[str, Any]) -> str:
