@@ -137,6 +137,13 @@ def borne(one: Between) -> Between:
 
     Whatever pushes the link goes through the spring, known or not, and so through the torque that the motor sends into
     the gear. An encoder's error does not.
+
+    Args:
+        one: the torsion of a joint, with the terms that explain it.
+
+    Returns:
+        The same, with that torque among its terms (N m).
+
     """
     return replace(one, borne=np.column_stack([one.borne, one.driven]))
 

@@ -1,9 +1,9 @@
-"""How much of a decision's odds to believe: a temperature and a lapse, fitted on sealed simulated cases and frozen.
+"""The calibration of a decision's odds: a temperature and a lapse, fitted on sealed simulated cases and frozen.
 
-A model that is not true is surer than it should be, right or wrong: the odds of the leading hypothesis are taken to the
-power 1/T. And a search that misses something knows nothing of it, however sure it is: of all logs the share λ is taken
-from what is left, no less than so many cases could show had all been right. The others share the rest as before. The
-file has its own hash and those of its seeds, with which no check may be made.
+A model that is not true is too sure, whether it is right or wrong. So the odds of the leading hypothesis are raised to
+the power 1/T. A search that misses an effect does not know of it, however sure it is. So the probability is multiplied
+by 1 − λ, the lapse λ being at least the rate that so many cases could hide, had all been right. The other hypotheses
+share the rest in proportion. The file has its own hash and those of its seeds, which no check may use.
 
 Source: Guo et al., ICML 70 (2017) 1321 (temperature, for two classes); Wichmann, Hill, Percept. Psychophys. 63 (2001)
 1293 (a curve that misses its lapses bends to them); Laplace, Essai philosophique sur les probabilités (1814) (rule of

@@ -102,10 +102,17 @@ class Decision:
 
 
 def sizes(fit: Fitted) -> dict[str, float]:
-    """The sizes of a fit's free effects, by name, in usual sizes.
+    """Measure the sizes of a fit's free effects.
 
     Sine and cosine of one effect count together. Of an effect that grows over time, the part that it reached within the
     log counts. The last step of the linear model is not taken yet: of the sizes before and after it the smaller counts.
+
+    Args:
+        fit: with its effects.
+
+    Returns:
+        By name the size, in usual sizes (1).
+
     """
     words, stood = fit.design.words, fit.design.words.theta(fit.design.point.p)
     whole = {k: min(np.linalg.norm(one[words.free((k,))]) for one in (fit.posterior[0], stood)) for k in fit.atoms}

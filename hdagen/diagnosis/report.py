@@ -30,7 +30,7 @@ SHOWN = 8  # candidates in the figures
 RARE = 1e-3  # probability below which a hypothesis is not listed
 NEVER = 1e-4  # below which its size says nothing
 LITTLE = f"less than {NEVER:g}"
-MUCH = 0.5  # posterior by prior width, up to which the data said much
+MUCH = 0.5  # posterior by prior width, up to which the data determine a parameter well
 LAG = 0.25  # s, of the correlations of the residuals
 
 
@@ -310,7 +310,7 @@ def _control(content: dict[str, Any]) -> list[Section]:
 
 
 def _left(held: Portion, before: Replay, after: Replay) -> Section:
-    """The residuals' correlations, which tell whether they are noise."""
+    """The residuals' correlations, which show whether they are noise."""
     count, period = int(held.rows.sum()), held.log.period
     lags = max(LAGS, min(round(LAG / period), count // 3))
     if count <= 2 * lags:

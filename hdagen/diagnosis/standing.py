@@ -243,10 +243,21 @@ def use_whole(decision: Decision) -> Arm:
 def leave_shares(
     before: Replay, after: Replay, whole: Replay, held: Portion, named: Collection[int]
 ) -> dict[int, float]:
-    """The share of the errors ``before`` that is left at each joint, 0 where the rest does not count.
+    """Measure the share of each joint's error that a verdict leaves, with or without effects within tolerance.
 
-    It is the lesser of the shares with ``after`` and ``whole``; at a ``named`` joint of which ``after`` closes next to
+    It is the lesser of the shares with ``after`` and ``whole``; at a named joint of which ``after`` closes next to
     nothing, it is that of ``after``.
+
+    Args:
+        before: the replay of the robot file's model.
+        after: the replay with the verdict.
+        whole: the replay with the best fit, and so with its effects within tolerance.
+        held: the held-out rows (T,) of the log.
+        named: joints of the verdict's effects.
+
+    Returns:
+        By joint the share (1), 0 where the error that is left does not count.
+
     """
     said, tolerating = (leave_errors(before, one, held) for one in (after, whole))
     alone = {j for j in named if said.get(j, 0.0) > NOTHING}

@@ -1,9 +1,9 @@
 """Identifiability: the effects that a motion would not show, and those that it would not separate from a verdict.
 
-Both follow from the linear model about the best hypothesis, without the measured values. Suppose the log held an effect
-of its usual size, or a named effect as large as it was found: which evidence would each effect gain? An effect whose
-evidence would leave the hypothesis of no effect in doubt cannot be named from this log. An effect whose evidence would
-come close to that of the true one is confounded with it.
+Both follow from the linear model about the best hypothesis, without the measured values. It gives the evidence that
+each effect would gain if the log held an effect of its usual size, or a named effect as large as it was found. An
+effect that would gain too little to exclude the hypothesis of no effect cannot be named from this log. An effect that
+would gain nearly as much as the true one is confounded with it.
 
 Source: Chaloner, Verdinelli, Stat. Sci. 10 (1995) 273 (expected information of an experiment).
 """

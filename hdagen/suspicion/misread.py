@@ -16,7 +16,7 @@ from hdagen.stretches import stretches
 from hdagen.suspicion.inputs import INPUTS, PAIRS, UNSTATED_CURRENT, known
 
 _MOST = 0.99  # share of the rows whose largest current is the usual largest one
-_FAR, _APART = 2.0, 5.0  # times the largest stated current, and times what most rows keep within: no drive gives that
+_FAR, _APART = 2.0, 5.0  # times the largest stated current, and the usual largest one: no drive gives more
 _LEAP = 5.0  # times the fastest move of a row that lasts: no drive moves so
 _LOUD = 20.0  # times the noise, that a leap must reach, too
 _SIDES = 2  # rows on each side of one, whose median move is the usual one

@@ -60,7 +60,7 @@ def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
 
 
 def _passive(log: Log, channels: Mapping[str, Channel], joint: int) -> bool:
-    """Whether a joint is commanded 0 all along and what is measured there is small beside the other joints'."""
+    """Whether a joint is commanded 0 all along, and its measured input is small beside the other joints'."""
     for commanded, measured in PAIRS:
         command, name = channels.get(f"{commanded}_{joint}"), f"{measured}_{joint}"
         if command is not None and command.low == command.high == 0.0 and name in log:
@@ -70,7 +70,7 @@ def _passive(log: Log, channels: Mapping[str, Channel], joint: int) -> bool:
 
 
 def _kept(log: Log, command: Channel, channels: Mapping[str, Channel], joint: int) -> bool:
-    """Whether a command that stays at one value is what was measured, but for noise and the rise to it."""
+    """Whether the measured input stays at the command's one value, but for noise and the rise to it."""
     for commanded, measured in PAIRS:
         found = channels.get(f"{measured}_{joint}")
         if command.name == f"{commanded}_{joint}" and found is not None:
