@@ -27,11 +27,11 @@ from hdagen.replay import Replay, driven_by, replay
 from hdagen.torques import torque_per_input
 
 WAVES = 100  # random Fourier features
-TURNS = (1, 2, 4)  # harmonics of a motor's turn
-SLOW = 0.02  # of the usual speed, at which a direction is half decided
-LAGS = 8  # rows of the command that the current's correction sees
-RIDGES = np.geomspace(1e-6, 1e2, 9)  # of the mean square of the features
-BLOCKS = 8  # of time, each left out once
+TURNS = (1, 2, 4)  # harmonics of the motor's angle
+SLOW = 0.02  # of the usual speed, scale of the tanh that smooths a direction
+LAGS = 8  # rows of the command among the features of the current's correction
+RIDGES = np.geomspace(1e-6, 1e2, 9)  # ridges that are tried, of the mean square of the features
+BLOCKS = 8  # of time, each left out once in the cross-validation
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +210,7 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
         own = arm.input_names[j - 1]
         command = commanded(own)
         columns[command] = commands[:, j - 1] + np.interp(log.time, sight.time, added) / gains[j - 1]
-        if flows is not None:  # a current that is read in a row flowed before it
+        if flows is not None:  # a current that is read in one row flowed in the row before
             beside = flows(_lagged(log[commanded(name)]))
             acts = beside
             if name != own:

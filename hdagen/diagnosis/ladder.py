@@ -17,7 +17,7 @@ from hdagen.plant import Arm
 from hdagen.replay import Replay
 from hdagen.together import together
 
-MOST = 3  # hypotheses beside none and the verdict: each costs as much as the verdict's replay does
+MOST = 3  # hypotheses beside no effect and the verdict: each costs one replay
 
 
 def ladder(

@@ -12,14 +12,14 @@ from hdagen.pages.curves import Panel, Series, panels
 from hdagen.pages.heat import heat
 from hdagen.plant import Array
 
-SPEEDS, LOADS = 18, 10  # cells of the map
-FEWEST = 5  # samples of a cell
-ANGLES = 72  # of a motor turn
-ORDERS = 24  # a motor turn
+SPEEDS, LOADS = 18, 10  # cells of the map of speed and load
+FEWEST = 5  # samples that a cell or bin must have to be drawn
+ANGLES = 72  # bins of a motor turn
+ORDERS = 24  # largest order that is drawn, cycles a motor turn
 ABOUT = 0.15  # s before and after a reversal
-STEPS = 60  # of time in the log
+STEPS = 60  # bins of time over the log
 COLORS = {"before": "orange", "after": "blue"}
-CHANCE = 0.05  # that noise alone exceeds the line of coherence
+CHANCE = 0.05  # probability that noise alone exceeds the line of coherence
 
 
 def maps(sight: Sight, joint: int, place: str, entry: str) -> list[str]:
@@ -134,7 +134,7 @@ def _frequency(sight: Sight, joint: int, seen: Trace) -> str:
     both = list(zip(("before", "after"), full, strict=True))
     density = [_series(label, s.density[drawn]) for label, s in both]
     shown, caption = [Panel(f"density ({seen.unit}/√Hz)", density, log=True)], ""
-    if inputs.free >= 1.0:  # of fewer segments any two series have much of it
+    if inputs.free >= 1.0:  # with fewer segments any two series have a high coherence
         level = 1 - CHANCE ** (1 / inputs.free)
         coherence = [_series(label, s.coherence(inputs)[drawn]) for label, s in both]
         line = [(level, f"noise alone, {100 * (1 - CHANCE):.0f} %")]

@@ -20,10 +20,10 @@ from hdagen.diagnosis.whereabouts import Trace, regressors, since_reversal, trac
 from hdagen.pages.curves import Curve, Panel, Plane, Series, panels, planes
 from hdagen.plant import Array
 
-POINTS = 2500  # of the log in a plane
-BINS = 60  # of a curve
-FEWEST = 5  # points of a bin
-GROWTH = 2.5  # power by which bins grow from standstill on
+POINTS = 2500  # of the log that are drawn in one plane
+BINS = 60  # of the abscissa, for a curve of means
+FEWEST = 5  # points that a bin must have to be drawn
+GROWTH = 2.5  # exponent of the bins' edges, so that bins are narrow near standstill
 SETTLED = 20  # rows of a log in which commands from before it may still act
 SCENE = 0.25  # s, of a stretch of commands and currents
 UNKNOWN = 3  # regressors that are drawn where no effect is named
@@ -76,7 +76,7 @@ def _since(sight: Sight, joint: int) -> Array:
 
 
 INPUT = Abscissa("motor input ({input})", lambda sight, j: sight.inputs(sight.after)[:, j - 1])
-OVER = {  # of missing torque or angle, by effect
+OVER = {  # the abscissa of missing torque or angle, by effect
     "torque_ripple": Abscissa("motor angle within a turn (rad)", _turn),
     "kinematic_error": Abscissa("motor angle within a turn (rad)", _turn),
     "torque_constant": INPUT,
@@ -88,13 +88,13 @@ OVER = {  # of missing torque or angle, by effect
     "torque_sensor_gain": Abscissa("load (N m)", _load),
     "sensor_delay": Abscissa("joint speed (rad/s)", _state("joint_velocity")),
 }
-ALONG = {  # of friction against the motion, by effect
+ALONG = {  # the abscissa of friction against the motion, by effect
     "load_dependent_friction": Abscissa("load (N m)", _load),
     "position_dependent_friction": Abscissa("joint angle (rad)", _state("joint_position")),
     "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
 }
 FILE = "the robot file's"
-REACH = 2.0  # rad of the motor after a reversal that are drawn
+REACH = 2.0  # rad, travel of the motor after a reversal that is drawn
 
 
 def pictures(sight: Sight, entry: str, place: str) -> list[str]:

@@ -26,9 +26,9 @@ from hdagen.pages.table import table
 from hdagen.replay import WINDOW, Replay
 from hdagen.verdict import silent
 
-SHOWN = 8  # candidates in the figures
+SHOWN = 8  # hypotheses in the figure of probabilities
 RARE = 1e-3  # probability below which a hypothesis is not listed
-NEVER = 1e-4  # below which its size says nothing
+NEVER = 1e-4  # probability below which its value is not printed
 LITTLE = f"less than {NEVER:g}"
 MUCH = 0.5  # posterior by prior width, up to which the data determine a parameter well
 LAG = 0.25  # s, of the correlations of the residuals

@@ -21,7 +21,7 @@ from hdagen.replay import Replay
 from hdagen.together import together
 
 CLEAR = 4.0  # standard deviations from 0, from which the data determine an effect's size
-MOST = 2  # effects that are replayed: each costs as much as the verdict's replay does
+MOST = 2  # effects that are tried: each costs one replay
 WORTH = 0.05  # of the gap after the verdict, that an effect must close to be listed
 
 

@@ -22,12 +22,12 @@ from hdagen.suspicion.finding import Finding, Severity, in_words
 from hdagen.suspicion.inputs import INPUTS
 from hdagen.suspicion.relations import both_encoders_move
 
-_SCALE = 3.0  # times the inertia of the robot file that an effect can make of it: torque constant, payload, wrong mass
+_SCALE = 3.0  # ratio to the robot file's inertia that effects can explain: torque constant, payload, wrong mass
 _CORRELATED = 0.3  # correlation of input and inertial torque, below which neither determines the other
-_MILLI = 3.0  # factor about 1000 within which a scale is taken for thousandths
+_MILLI = 3.0  # ratio to 1000 within which a scale counts as that of thousandths
 _ALONE = 2.0  # times the torque that moves a joint without its drive, from which there must have been a drive
-_HELD = 3.0  # times its dry friction that a joint cannot withstand
-_BETTER = 1.5  # how much better exchanged joints must explain the torsion
+_HELD = 3.0  # multiples of its dry friction that move any joint
+_BETTER = 1.5  # ratio by which the torsion must fit better with the joints exchanged
 
 
 def scale(log: Log, arm: Arm) -> list[Finding]:

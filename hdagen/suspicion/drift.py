@@ -16,9 +16,9 @@ from hdagen.channels import describe, even
 from hdagen.log import Log
 
 _SURE = 6.0  # standard errors
-_BLOCKS = 10  # of time, each left out once
+_BLOCKS = 10  # of time, each left out once by the jackknife
 _FELT = 2.0  # times the noise of the encoders, that a drift must reach
-_MOST = 1e-2  # of a clock's rate
+_MOST = 1e-2  # of a clock's rate; more is no drift of a clock
 
 
 def drifts(log: Log, ratios: Sequence[float]) -> dict[int, float]:

@@ -15,7 +15,7 @@ from hdagen.suspicion.finding import Finding, Machine, Severity
 PAIRS = (("motor_current_command", "motor_current"), ("motor_torque_command", "motor_torque"))  # commanded, measured
 INPUTS = tuple(base for pair in PAIRS for base in pair)
 _LONGEST_LAG = 0.1  # s, searched between command and measurement
-_EARLIEST = -5  # rows
+_EARLIEST = -5  # rows, earliest lag that is searched
 _CLEAR = 0.5  # of the misfit at the usual lag, that a lag before the command must leave at most to be a mistake
 _TOLD = 3  # rows from which the motion decides whether command or measurement is logged in the wrong row
 UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA

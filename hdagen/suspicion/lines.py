@@ -18,16 +18,16 @@ from hdagen.log import Log
 from hdagen.stretches import stretches
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
-_MOST = 40  # cycles a turn
+_MOST = 40  # cycles a turn, largest that is searched
 _SMOOTH = 0.02  # s of the parabolas that take the encoder's steps out of θ
-_MOVES = 0.5  # of the usual speed, above which a stretch counts
-_TURNS = 16.0  # least: a window of fewer has no place between two lines
-_BESIDE = np.array([0.3, 0.34, 0.38, 0.42, 0.46])  # cycles away, on both sides, where no line is
+_MOVES = 0.5  # of the rms speed, above which a stretch counts
+_TURNS = 16.0  # least turns of a stretch: a window of fewer does not resolve two lines
+_BESIDE = np.array([0.3, 0.34, 0.38, 0.42, 0.46])  # cycles a turn beside a line, where the background is
 _CLEAR = 5.0  # times the median beside it, above which an amplitude is a line: of 400 logs of noise 8 have one
-_NYQUIST = 0.4  # cycles a row at most
+_NYQUIST = 0.4  # largest cycles a row
 _TREND = 3  # degree of the polynomial that is taken off a stretch
 _NAMED = 5  # lines at most
-_PERIODS = 3.5  # without a row, over which a stretch goes on
+_PERIODS = 3.5  # longest pause without a row, in periods, within a stretch
 _EVEN = 0.1  # spread of the speed, relative, below which a line of time looks the same
 
 
@@ -85,7 +85,7 @@ def _angle(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: i
 def _smooth(values: np.ndarray, reach: int) -> np.ndarray:
     """Values (T,) of parabolas through ``reach`` rows each way; at the ends, of the first and the last parabola."""
     places = np.arange(-reach, reach + 1)
-    fit = np.linalg.pinv(np.vander(places, 3))  # of the rows of a window: its parabola's coefficients
+    fit = np.linalg.pinv(np.vander(places, 3))  # takes the rows of a window to the coefficients of its parabola
     within = np.convolve(values, fit[2][::-1], "valid")
     first, last = (
         np.polyval(fit @ values[rows], at)

@@ -17,15 +17,15 @@ from hdagen.suspicion.inputs import INPUTS, PAIRS, UNSTATED_CURRENT, known
 
 _MOST = 0.99  # share of the rows whose largest current is the usual largest one
 _FAR, _APART = 2.0, 5.0  # times the largest stated current, and the usual largest one: no drive gives more
-_LEAP = 5.0  # times the fastest move of a row that lasts: no drive moves so
+_LEAP = 5.0  # times the fastest usual move of a row: no drive moves so fast
 _LOUD = 20.0  # times the noise, that a leap must reach, too
 _SIDES = 2  # rows on each side of one, whose median move is the usual one
-_BACK = 3  # rows after which a leap that comes back is no new place
-_NEAR = 0.03  # share of a period, that a leap may be off from it
-_STEPS = 10.0  # noise or steps that a row moves: it cannot stand still in the next
-_GONE = 0.1  # share of its range, by which the other encoder goes while one stands
+_BACK = 3  # rows within which a leap must come back to count as a glitch
+_NEAR = 0.03  # tolerance of a leap to the period of an encoder, relative
+_STEPS = 10.0  # times the noise or step, that a joint must move a row so that it cannot stand still in the next
+_GONE = 0.1  # share of its range that the other encoder moves while one stands still
 _HELD = 0.05  # s at one value, from which a measured current whose command moves has frozen
-_TOLD = 0.05, 4.0  # of the command's range, and noise of the measurement, that the command moves by meanwhile
+_TOLD = 0.05, 4.0  # least move of the command meanwhile: share of its range, and times the measurement's noise
 
 
 @dataclass(frozen=True, eq=False)

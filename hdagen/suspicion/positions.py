@@ -22,7 +22,7 @@ from hdagen.suspicion.relations import (
 )
 
 _TWICE = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
-_LOST = 0.003  # share of rows
+_LOST = 0.003  # least share of the moving rows, from which rows were lost
 _FOLLOWS = 0.95  # correlation from which a position follows a reference
 _TURNS = 25.0  # rad; a joint that spans more turns like a wheel, or is logged in degrees
 
@@ -101,7 +101,7 @@ def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
         f(np.where(np.isfinite(ratios), ratios, default), axis=0) for f, default in ((np.min, 9.0), (np.max, -9.0))
     )
     double = seen & (low > _TWICE[0]) & (high < _TWICE[1])
-    opposite = seen & (low > -_TWICE[1] + 2) & (high < 2 - _TWICE[0])  # as far off to the other side: a shaky motion
+    opposite = seen & (low > -_TWICE[1] + 2) & (high < 2 - _TWICE[0])  # as far off to the other side: shaky
     lost, shaky = np.count_nonzero(double), np.count_nonzero(opposite)
     if lost < 5 or lost < _LOST * np.count_nonzero(seen) or lost < 5 * shaky:
         return []

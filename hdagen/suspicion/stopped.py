@@ -15,13 +15,13 @@ from hdagen.suspicion.inputs import INPUTS, PAIRS
 
 _INPUT_RUN, _POSITION_RUN = 0.01, 0.03  # s at one value that count; a slow encoder stands still at a reversal
 _ROWS = 5
-_NEAR = 4  # rows from which the speed beside a run is taken
+_NEAR = 4  # rows beside a run, whose median move is its speed
 _FAST = 0.2  # share of the usual speed from which a motion is not about to turn
 _ABRUPT = 2.0  # times the largest change of speed elsewhere in the log
 _MOST, _NOISES = 0.95, 4.0  # share of rows in which a measurement is its command, within so many times its noise
 _PASSIVE = 0.25  # share of the strongest joint's input that a joint which is not driven may read
-_BEYOND = 3.0  # times the fit's own error that the motion asks for, where an input is cut off
-_SHARE = 0.05  # of the bound, too
+_BEYOND = 3.0  # times the fit's error, by which the motion must require more than a saturated input
+_SHARE = 0.05  # of the bound, by which it must do so, too
 
 
 def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
