@@ -43,7 +43,7 @@ class Attempts:
         """Note how many simulations of a fit failed, if any did.
 
         Args:
-            shootings: the simulators of the fit, at least one.
+            shootings: the simulators of the fit.
 
         """
         every = list(shootings)
