@@ -74,7 +74,7 @@ def lasting(
         The decision with the most probable known effects of long windows; None if there are none, or too few windows.
 
     Raises:
-        LogError: the log has no motion that such windows could use.
+        LogError: the log does not fit the model.
 
     Source: Ljung, System Identification (1999), 3.2 and 7.2 (simulation over a horizon as the error that is lowered).
 
