@@ -325,22 +325,16 @@ def _input(sight: Sight, entry: str, joint: int) -> list[str]:
     rows = max(round(SCENE / log.period), 20)
     change = np.convolve(np.abs(shown[1] - shown[0])[SETTLED:], np.ones(rows), "valid")
     span = slice(SETTLED + int(np.argmax(change)), SETTLED + int(np.argmax(change)) + rows)
+    drawn = [
+        Series("command", command[span], color="ink", draw="step", dash="dotted"),
+        Series("measured", measured[span], color="grey", dash="solid"),
+        Series("robot file", shown[0][span], color="green", dash="dashed"),
+        Series("model with the effect", shown[1][span], color="vermilion", dash="solid", width=2.4),
+    ]
     scene = panels(
         f"{_title(entry)}: command and {word}",
         log.time[span],
-        [
-            Panel(
-                f"{word} ({unit})",
-                [
-                    Series("command", command[span], color="ink", draw="step", dash="dotted"),
-                    Series("measured", measured[span], color="grey", dash="solid"),
-                    Series("robot file", shown[0][span], color="green", dash="dashed"),
-                    Series("model with the effect", shown[1][span], color="vermilion", dash="solid", width=2.4),
-                ],
-                f"motor {joint}",
-                height=1.8,
-            )
-        ],
+        [Panel(f"{word} ({unit})", drawn, f"motor {joint}", height=1.8)],
         caption=f"The {SCENE:g} s in which the effect changes most.",
     )
     x, before, after = command, np.zeros(len(command)), shown[1]
@@ -367,25 +361,22 @@ def _unknown(sight: Sight, place: str, joint: int) -> str:
     seen = trace(sight, place, joint, "")
     best = explained(seen.after, regressors(sight, joint, seen.at))[:UNKNOWN]
     few = np.unique(np.linspace(0, len(seen.after) - 1, min(len(seen.after), POINTS)).round().astype(int))
-    figures = [
-        planes(
-            f"What is missing at joint {joint}, over {e.regressor.name}",
-            [
-                Plane(
-                    [
-                        Curve("log", e.regressor.values[few], seen.after[few], draw="points", color="grey", width=1.6),
-                        Curve("mean", *means(e.regressor.values, seen.after), color="blue", dash="solid"),
-                    ]
-                )
-            ],
-            x_label=f"{e.regressor.name.removeprefix('the ')} ({e.regressor.unit})",
+    figures = ""
+    for one in best:
+        x, name, unit = one.regressor.values, one.regressor.name, one.regressor.unit
+        curves = [
+            Curve("log", x[few], seen.after[few], draw="points", color="grey", width=1.6),
+            Curve("mean", *means(x, seen.after), color="blue", dash="solid"),
+        ]
+        figures += planes(
+            f"What is missing at joint {joint}, over {name}",
+            [Plane(curves)],
+            x_label=f"{name.removeprefix('the ')} ({unit})",
             y_label=f"{_noun(seen)} ({seen.unit})",
             equal=False,
-            caption=f"Its bins explain {100 * e.share:.0f} % of the variance (p = {e.p:.2g} by circular shifts).",
+            caption=f"Its bins explain {100 * one.share:.0f} % of the variance (p = {one.p:.2g} by circular shifts).",
         )
-        for e in best
-    ]
-    return "".join(figures)
+    return figures
 
 
 def _title(entry: str) -> str:
