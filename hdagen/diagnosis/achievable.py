@@ -1,10 +1,11 @@
-"""What a flexible correction without any structure reaches on the same data: what a verdict's closing is measured by.
+"""A nonparametric baseline: the gap that a flexible correction without structure leaves on the same data.
 
-Three ridge regressions for each joint, fitted on the motion that the diagnosis saw: the current that flows beside the
-model's, by the last commands; the torque that is missing at the motor, of the whole joint; then, with both in the
-model, what the joint's encoder reads beside the motor's. The features of the latter two are what is measured,
-directions, harmonics of the angles, and random Fourier features of all together. On held-out motion current and torque
-go into the model's input, the angle is added to what the model reads.
+The diagnosis compares its verdict with this baseline. Each joint has three ridge regressions, all fitted to the motion
+that the diagnosis saw. The first predicts the measured current less the model's current, from the last commands. The
+second predicts the torque that is missing at the motor, of the whole joint. The third is fitted once both are in the
+model, and predicts how the joint's encoder differs from the motor's. The features of the second and third regression
+are the measured quantities, directions, harmonics of the angles, and random Fourier features of all joints together.
+On held-out motion the current and the torque are added to the model's input, the angle to the model's reading.
 
 Legend: T rows, K even instants, F features; θ motor angle.
 Source: Rahimi, Recht, NIPS 20 (2007) 1177 (random features).
@@ -27,16 +28,16 @@ from hdagen.replay import Replay, replay
 from hdagen.torques import torque_per_input
 
 WAVES = 100  # random Fourier features
-TURNS = (1, 2, 4)  # harmonics of a motor's turn
-SLOW = 0.02  # of the usual speed, at which a direction is half decided
-LAGS = 8  # rows of the command that the current's correction sees
-RIDGES = np.geomspace(1e-6, 1e2, 9)  # of the mean square of the features
-BLOCKS = 8  # of time, each left out once
+TURNS = (1, 2, 4)  # harmonics of the motor's angle
+SLOW = 0.02  # of the usual speed, scale of the tanh that smooths a direction
+LAGS = 8  # rows of the command among the features of the current's correction
+RIDGES = np.geomspace(1e-6, 1e2, 9)  # ridges that are tried, of the mean square of the features
+BLOCKS = 8  # of time, each left out once in the cross-validation
 
 
 @dataclass(frozen=True, eq=False)
 class Map:
-    """A ridge regression: features (F) within ``low`` and ``high``, as fitted, less ``mean`` over ``scale``."""
+    """A ridge regression of features (F), clipped to the fitted range ``low`` to ``high`` and then standardized."""
 
     low: Array
     high: Array
@@ -47,52 +48,73 @@ class Map:
 
     @classmethod
     def of(cls, features: Array, target: Array) -> Map:
-        """Fitted to ``target`` (K,) by ``features`` (K, F), with the ridge that tells what it has not seen best."""
+        """Fit ``target`` (K,) by ``features`` (K, F), with the ridge of the smallest cross-validation error."""
         mean, scale, level = features.mean(0), np.maximum(features.std(0), 1e-12), float(target.mean())
         X, y = features - mean, target - level
         X /= scale
         parts = list(zip(np.array_split(X, BLOCKS), np.array_split(y, BLOCKS), strict=True))
         grams, sums = [x.T @ x for x, _ in parts], [x.T @ part for x, part in parts]
         whole, all_, eye = np.sum(grams, 0), np.sum(sums, 0), np.eye(X.shape[1])
-        losses = [
-            sum(
+        losses = []
+        for ridge in RIDGES:
+            left_out = [
                 _left(x, part, np.linalg.solve(whole - N + ridge * len(y) * eye, all_ - b))
                 for (x, part), N, b in zip(parts, grams, sums, strict=True)
-            )
-            for ridge in RIDGES
-        ]
+            ]
+            losses.append(sum(left_out))
         best = int(np.argmin(losses))
-        told = losses[best] < float(y @ y)  # else the mean tells what it has not seen better
-        weights = np.linalg.solve(whole + RIDGES[best] * len(y) * eye, all_) if told else np.zeros(len(eye))
+        weights = np.zeros(len(eye))  # of the mean alone, which may predict unseen blocks better
+        if losses[best] < float(y @ y):
+            weights = np.linalg.solve(whole + RIDGES[best] * len(y) * eye, all_)
         return cls(features.min(0), features.max(0), mean, scale, weights, level)
 
     def __call__(self, features: Array) -> Array:
-        """What is predicted (K,)."""
+        """Predict the target (K,) from features (K, F)."""
         return self.level + (np.clip(features, self.low, self.high) - self.mean) / self.scale @ self.weights
 
 
 def _left(X: Array, y: Array, weights: Array) -> float:
+    """Sum of squared residuals."""
     return float(np.sum((y - X @ weights) ** 2))
 
 
 def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Replay:
-    """The replay ``before`` of what is held out on the robot file's ``arm`` with the corrections that what is shown
-    has."""
-    held = _sight(arm, held_out.log, before)
-    seen = held if shown.log is held_out.log else _sight(arm, shown.log, replay(arm, shown.log))
+    """Replay held-out motion with corrections that were fitted to the shown motion.
+
+    Args:
+        arm: the robot file's model.
+        shown: the rows of a log (T,) that the corrections are fitted to.
+        held_out: the rows that are replayed, of the same log or of another one.
+        before: the replay of the held-out log on ``arm``.
+
+    Returns:
+        The replay with the corrections, in the noise of ``before``.
+
+    Raises:
+        PlantError: a log cannot be replayed.
+
+    Source: Rahimi, Recht, NIPS 20 (2007) 1177 (random features).
+
+    """
+    seen = held = _sight(arm, held_out.log, before)
+    if shown.log is not held_out.log:
+        seen = _sight(arm, shown.log, replay(arm, shown.log))
     kept = seen.kept & shown.at(seen.time)
     raw = _raw(seen)
     basis = _basis(raw)
     features = basis.features(seen, raw)
     missing = seen.missing(seen.before)
-    whole = missing.motor if missing.link is None else missing.motor + missing.link / seen.ratio
+    whole = missing.motor
+    if missing.link is not None:
+        whole = missing.motor + missing.link / seen.ratio
     maps = [Map.of(features[j][kept], whole[kept, j]) for j in range(arm.n)]
     currents = [_current(shown, seen.replays[0], name) for name in _read(seen)]
     fitted = _replayed(seen, currents, [on(x) for on, x in zip(maps, features, strict=True)])
     errors = [_encoder_map(j, seen, kept, x, fitted) for j, x in enumerate(features, 1)]
-    if held is not seen:  # one log's features at a time: they are what fills the memory
+    found = fitted
+    if held is not seen:  # one log's features at a time, as they fill the memory
         features = basis.features(held, _raw(held))
-    found = fitted if held is seen else _replayed(held, currents, [on(x) for on, x in zip(maps, features, strict=True)])
+        found = _replayed(held, currents, [on(x) for on, x in zip(maps, features, strict=True)])
     columns = dict(found.columns)
     for j, read in enumerate(errors, 1):
         if read is not None:
@@ -102,19 +124,23 @@ def corrected(arm: Arm, shown: Portion, held_out: Portion, before: Replay) -> Re
 
 
 def _sight(arm: Arm, log: Log, of: Replay) -> Sight:
+    """The residual torque of a log on the robot file's model, before and after being the same."""
     return Sight(arm, log, (of, of), arm.p, arm.p, {})
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Scales of what is measured (n, M) on the fitted motion, and directions (n M, WAVES) of the random features."""
+    """Scales (n, 1, M) of the measured quantities on the fitted motion, and the random features.
+
+    ``ways`` (n M, WAVES) are the directions of these features, ``phase`` (WAVES,) their phases in rad.
+    """
 
     scale: Array
     ways: Array
     phase: Array
 
     def features(self, sight: Sight, raw: Array) -> list[Array]:
-        """Of each joint (K, F), ``raw`` (n, K, M) being what is measured."""
+        """The features of each joint (K, F), from the measured quantities ``raw`` (n, K, M)."""
         raw = raw / self.scale
         all_ = np.concatenate(list(raw), 1)
         waves = np.cos(all_ @ self.ways + self.phase)
@@ -144,6 +170,7 @@ class Basis:
 
 
 def _basis(raw: Array) -> Basis:
+    """Draw the random features for measured quantities ``raw`` (n, K, M), with a fixed seed."""
     rng = np.random.default_rng(0)
     scale = np.maximum(raw.std(1, keepdims=True), 1e-12)
     ways = rng.normal(size=(raw.shape[0] * raw.shape[2], WAVES)) / np.sqrt(raw.shape[0] * raw.shape[2])
@@ -170,21 +197,25 @@ def _raw(sight: Sight) -> Array:
 
 
 def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> Replay:
-    """The replay with a torque (K,) at each motor, of which the current's sensor reads nothing, and with the current
-    that flows beside the model's, of which it does."""
+    """The replay with a further torque (K,) at each motor and with the corrections of the currents.
+
+    The current's sensor does not read the further torque; it does read the corrections.
+    """
     arm, log = sight.arm, sight.log
     gains = torque_per_input(arm)
     commands, _ = driven_by(arm, log, "command")
     columns = {k: v for k, v in log.columns.items() if not k.startswith(("motor_current", "motor_torque"))}
-    shown = dict(sight.replays[0].columns)  # the plain replay: what its current's sensors read
+    shown = dict(sight.replays[0].columns)  # the plain replay, for the readings of its current sensors
     names = _read(sight)
     for j, (added, flows, name) in enumerate(zip(torque, currents, names, strict=True), 1):
         own = arm.input_names[j - 1]
         command = commanded(own)
         columns[command] = commands[:, j - 1] + np.interp(log.time, sight.time, added) / gains[j - 1]
-        if flows is not None:  # a current that is read in a row flowed before it
+        if flows is not None:  # a current that is read in one row flowed in the row before
             beside = flows(_lagged(log[commanded(name)]))
-            acts = beside if name == own else beside / gains[j - 1]
+            acts = beside
+            if name != own:
+                acts = beside / gains[j - 1]
             columns[command] = columns[command] + np.append(acts[1:], acts[-1])
             shown[name] = shown[name] + beside
     found = replay(arm, replace(log, columns=columns, notes=()))
@@ -192,13 +223,16 @@ def _replayed(sight: Sight, currents: list[Map | None], torque: list[Array]) -> 
 
 
 def _read(sight: Sight) -> list[str]:
-    """The columns of a replay that tell each joint's input: a current, or the torque that the log has in its place."""
+    """The columns of a replay that read each joint's input: a current, or the torque that the log has in its place."""
     plain = sight.replays[0].columns
-    return [next(f"{kind}_{j}" for kind in DRIVES if f"{kind}_{j}" in plain) for j in range(1, sight.n + 1)]
+    names = []
+    for j in range(1, sight.n + 1):
+        names.append(next(f"{kind}_{j}" for kind in DRIVES if f"{kind}_{j}" in plain))
+    return names
 
 
 def _current(shown: Portion, plain: Replay, name: str) -> Map | None:
-    """What flows of the input ``name`` beside that of the model's replay; None where it is not measured."""
+    """The correction of the input ``name``, measured less replayed; None where it is not measured."""
     log, rows, command = shown.log, shown.rows, commanded(name)
     if name not in log or command not in log or name not in plain.columns:
         return None
@@ -206,13 +240,13 @@ def _current(shown: Portion, plain: Replay, name: str) -> Map | None:
 
 
 def _lagged(command: Array) -> Array:
-    """A command and its last rows (T, F), with their sizes."""
+    """A command, its last rows, and powers of it (T, F)."""
     last = [np.concatenate([np.full(k, command[0]), command[: len(command) - k]]) for k in range(LAGS)]
     return np.column_stack([*last, np.abs(command), command * np.abs(command), command**3])
 
 
 def _encoder_map(j: int, seen: Sight, kept: Mask, features: Array, fitted: Replay) -> Map | None:
-    """What the joint's encoder of joint j reads beside the motor's; None where one of them is not there."""
+    """The correction of the encoder of joint j, in rad, against the motor's; None where one of the two is missing."""
     joint, motor = f"joint_position_{j}", f"motor_position_{j}"
     if joint not in seen.log or motor not in seen.log:
         return None

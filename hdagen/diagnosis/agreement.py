@@ -1,4 +1,4 @@
-"""How far what a log shows of an effect, and what the effect adds in the model, are the same."""
+"""The agreement between an effect as the log shows it and as the model adds it."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ import numpy as np
 
 from hdagen.plant import Array
 
-BLOCKS = 8  # of a motion, whose slopes tell how sure the slope of all is
+BLOCKS = 8  # of a motion, whose slopes give the standard error of the slope of all
 SURELY = 2.0  # standard errors
-APART = 2.0  # ratio of slopes, from which a picture contradicts the effect it shows
+APART = 2.0  # ratio of slopes, from which a picture contradicts the effect that it shows
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """``explained``: R², the share of the square of what a log shows that the effect takes away, below 0 where it adds
-    to it. ``slope``: what the log shows by what the effect adds, 1 where they are alike, with its standard ``error``;
-    NaN where the effect adds nothing."""
+    """How well an effect explains the residual that a log shows.
+
+    ``explained`` is R², the share of the square of the residual that the effect takes away, below 0 where it adds to
+    it. ``slope`` is the residual over the effect's part in the model, 1 where they are alike, with its standard
+    ``error``; both are NaN where the effect adds nothing.
+    """
 
     explained: float
     slope: float
@@ -30,7 +33,15 @@ class Agreement:
         return self.slope - reach > APART or self.slope + reach < 1.0 / APART
 
     def words(self, beyond: str = "") -> str:
-        """For a caption; ``beyond`` what, if not nothing."""
+        """Say the agreement in a caption.
+
+        Args:
+            beyond: the model without the effect, as words, where the points lie beyond one.
+
+        Returns:
+            A sentence, and a warning where the log contradicts the effect.
+
+        """
         shown = f"Of what the points show{beyond and f' beyond {beyond}'}"
         said = f"{shown} the effect explains {100 * self.explained:.0f} % (R² = {self.explained:.2f})."
         if not self.contradicted:
@@ -42,11 +53,11 @@ class Agreement:
 
 
 def agreement(shown: Array, added: Array) -> Agreement:
-    """What a log shows beyond a model without an effect, against what the effect adds.
+    """Compare the residual of a log without an effect with the part that the effect adds in the model.
 
     Args:
-        shown: (K,), in the order of time.
-        added: (K,), at the same instants and in the same unit.
+        shown: the residual (K,), in the order of time.
+        added: the effect's part (K,), at the same instants and in the same unit.
 
     Returns:
         Their agreement; the error of the slope is that of the mean over blocks of time, as neighbours are alike.
@@ -54,7 +65,9 @@ def agreement(shown: Array, added: Array) -> Agreement:
     """
     total, size = float(shown @ shown), float(added @ added)
     left = shown - added
-    explained = 1.0 - float(left @ left) / total if total > 0.0 else 0.0
+    explained = 0.0
+    if total > 0.0:
+        explained = 1.0 - float(left @ left) / total
     if size == 0.0:
         return Agreement(explained, np.nan, np.nan)
     slope = float(added @ shown) / size

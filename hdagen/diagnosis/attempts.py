@@ -1,4 +1,4 @@
-"""Stages that a diagnosis can do without: what one of them fails by is said, and what was found until then stays."""
+"""Optional stages of a diagnosis: where one fails, the report says so, and everything found before it stays."""
 
 from __future__ import annotations
 
@@ -17,12 +17,22 @@ Made = TypeVar("Made")
 
 @dataclass
 class Attempts:
-    """``failures``: a sentence for everything that was left out."""
+    """Runs optional stages; ``failures`` has a sentence for each stage that was left out."""
 
     failures: list[str] = field(default_factory=list)
 
     def attempt(self, stage: str, work: Callable[[], Made], otherwise: Made) -> Made:
-        """What ``work`` makes; ``otherwise`` where it fails, and a sentence about the ``stage``."""
+        """Run one stage, and note it where it fails.
+
+        Args:
+            stage: name of the stage, for the sentence.
+            work: the stage.
+            otherwise: the result where it fails.
+
+        Returns:
+            The result of ``work``, or ``otherwise``.
+
+        """
         try:
             return work()
         except (PlantError, LogError, LinAlgError) as error:
@@ -30,8 +40,14 @@ class Attempts:
             return otherwise
 
     def count(self, shootings: Iterable[Shooting]) -> None:
-        """A sentence about the simulations of a fit that failed, if any did."""
-        run, failed = (sum(each) for each in zip(*((one.run, one.failed) for one in shootings), strict=True))
+        """Note how many simulations of a fit failed, if any did.
+
+        Args:
+            shootings: the simulators of the fit.
+
+        """
+        every = list(shootings)
+        run, failed = sum(one.run for one in every), sum(one.failed for one in every)
         if failed:
             self.failures.append(
                 f"In {failed} of {run} simulations of the fit the model flew apart or gave no number: such a motion "

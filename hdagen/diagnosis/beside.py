@@ -1,10 +1,10 @@
-"""What is surely missing, whatever else is.
+"""Direct evidence: effects that a log shows without any fit of the whole model.
 
-A torque that no effect explains bends all that is fitted to torques. Two things it leaves alone: what the drive makes
-of its commands, where that is measured, and what lies between the two encoders of a joint beside the torsion, which is
-told by the torque that the motion asks for and by the one that the motor sends into the gear. So an effect of the input
-or of an encoder that explains most of that is there, whatever else is; it is read off there, before any model is
-simulated.
+A torque that no effect explains spoils every estimate that is fitted to torques. It leaves two comparisons alone: the
+measured input against its command, and the motor's encoder against the joint's. The torsion between the two encoders
+follows from the torque that the motion requires and from the torque that the motor sends into the gear. So an effect of
+the input or of an encoder that explains most of such a comparison is present, whatever else is. Its parameters are
+fitted to the comparison alone, before any model is simulated.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from hdagen.diagnosis.starts import driven
 from hdagen.diagnosis.torsion import Between, between
 from hdagen.plant import Arm
 
-HALF = 0.5  # of what there is without it, that an effect must leave at most: it explains three quarters of the variance
-FOLDS = 4  # parts of a log, each of which is told by what the others tell
+HALF = 0.5  # of the error without it, that an effect must leave at most: it explains three quarters of the variance
+FOLDS = 4  # parts of a log, each of which is predicted from the others
 ENCODER = {
     "sensor_delay": ("sensor_delay",),
     "encoder_bias": ("encoder_bias",),
@@ -34,8 +34,8 @@ ENCODER = {
 
 @dataclass(frozen=True)
 class Sure:
-    """An effect that is there: name@joint, its parameters with their values, and the ``share`` of the error that it
-    leaves of what there is without it."""
+    """An effect that is present: ``name`` (effect@joint), its parameters with their values in SI, and the ``share`` of
+    the error without it that remains with it (1)."""
 
     name: str
     parameters: Mapping[str, float]
@@ -50,14 +50,37 @@ class Sure:
 
 
 def sure(arm: Arm, record: Record) -> list[Sure]:
-    """The effects of inputs and joint encoders that the log shows by themselves."""
-    encoders = (one for apart in between(arm, record) for one in _between(borne(apart)))
-    return [one for one in (*_inputs(arm, record), *encoders) if one.share < HALF]
+    """Find the effects of inputs and joint encoders that a log shows by themselves.
+
+    Args:
+        arm: the model with every effect.
+        record: windows of the log.
+
+    Returns:
+        The effects that explain most of the error of their channel.
+
+    """
+    found = [*_inputs(arm, record)]
+    for apart in between(arm, record):
+        found += _between(borne(apart))
+    return [one for one in found if one.share < HALF]
 
 
 def beside(decision: Decision, found: Sequence[Sure]) -> Decision:
-    """The decision with what is there whatever else is: where a set with that was fitted, that is said, else the
-    parameters are those that were read off. What the verdict has at the same place of the same joint stands for it."""
+    """Add the effects with direct evidence to a verdict.
+
+    Where a hypothesis with these effects was fitted, the verdict takes that fit; otherwise it takes their parameters
+    from the direct evidence. An effect of the verdict at the same place of the same joint already stands for one of
+    them.
+
+    Args:
+        decision: of the fits.
+        found: effects with direct evidence.
+
+    Returns:
+        The decision with these effects, or the same one where it has them all.
+
+    """
     added = [one for one in found if not _stands_for(one.name, decision)]
     if not added:
         return decision
@@ -68,23 +91,27 @@ def beside(decision: Decision, found: Sequence[Sure]) -> Decision:
     same = next((h for h in decision.hypotheses if h.names == names), Hypothesis(names, 0.0, None))
     others = [h for h in decision.hypotheses if h not in (said, same)]
     probable, rest = max(said.probability, same.probability), sum(h.probability for h in others)
-    share = (1.0 - probable) / rest if rest > 0.0 else 0.0  # of what else it may be: that is as it was calibrated
+    share = 0.0  # of the other hypotheses; the leading one keeps its calibrated probability
+    if rest > 0.0:
+        share = (1.0 - probable) / rest
     hypotheses = [replace(h, probability=h.probability * share) for h in others]
-    hypotheses += [] if said.names else [replace(said, probability=0.0)]  # none is always among them
+    if not said.names:  # the hypothesis of no effect is always among them
+        hypotheses.append(replace(said, probability=0.0))
     hypotheses.append(Hypothesis(names, probable if share else 1.0, same.fit or said.fit))
-    return replace(
-        decision,
-        hypotheses=tuple(sorted(hypotheses, key=lambda h: -h.probability)),
-        verdict=names,
-        best=same.fit or decision.best,
-        beside={} if same.fit else {one.name: one.parameters for one in added},
-    )
+    read_off = {one.name: one.parameters for one in added}
+    if same.fit:
+        read_off = {}
+    ordered = tuple(sorted(hypotheses, key=lambda h: -h.probability))
+    return replace(decision, hypotheses=ordered, verdict=names, best=same.fit or decision.best, beside=read_off)
 
 
 def _stands_for(name: str, decision: Decision) -> bool:
-    """Whether the verdict has it, or what shows at the same place: another effect of the joint's input; of a joint's
-    encoder what acts between the encoders, and of its bias or eccentricity a torque that is not known: one that goes
-    with the angle would look alike."""
+    """Whether the verdict has the effect, or another one that shows at the same place.
+
+    For an effect of the input that is another effect of the same input. For an effect of a joint's encoder it is an
+    effect between the encoders. An unknown torque stands for the encoder's bias or eccentricity, too: a torque that
+    varies with the angle would look alike.
+    """
     places = {atom.name: atom.place for atom in decision.best.design.words.atoms}
     effect, _, joint = name.partition("@")
     here = [other for other in decision.verdict if other.partition("@")[2] == joint]
@@ -95,7 +122,7 @@ def _stands_for(name: str, decision: Decision) -> bool:
 
 
 def _inputs(arm: Arm, record: Record) -> Iterator[Sure]:
-    """Of each joint the effect of its input that leaves least of what is measured beside the command."""
+    """Of each joint the effect of its input that best explains the measured input by its command."""
     best: dict[int, Sure] = {}
     for effect, name, j, value, share in driven(arm, record):
         size = abs(value - arm.parameters.described[name].nominal)
@@ -106,18 +133,29 @@ def _inputs(arm: Arm, record: Record) -> Iterator[Sure]:
 
 
 def borne(one: Between) -> Between:
-    """The same with what the motor sends into the gear among what twists it: what pushes the link, known or not, goes
-    through the spring and is felt there, and an encoder's error is not."""
+    """Add the motor's torque to the terms of a joint's torsion.
+
+    Whatever pushes the link goes through the spring, known or not, and so through the torque that the motor sends into
+    the gear. An encoder's error does not.
+
+    Args:
+        one: the torsion of a joint, with the terms that explain it.
+
+    Returns:
+        The same, with that torque among its terms (N m).
+
+    """
     return replace(one, borne=np.column_stack([one.borne, one.driven]))
 
 
 def _between(one: Between) -> Iterator[Sure]:
-    """Effects of the joint's encoder, by what of the twist is left with and without each."""
+    """Effects of the joint's encoder, each with the ratio of the torsion's residual with and without it."""
     every = np.ones(len(one.parameters), bool)
     names, whole = [q.name for q in one.parameters], one.told(every, one.loaded)
     left = _left(one, every)
     for effect, amplitudes in ENCODER.items():
-        own = np.array([name in {f"{a}_{one.j}" for a in amplitudes} for name in names])
+        wanted = {f"{a}_{one.j}" for a in amplitudes}
+        own = np.array([name in wanted for name in names])
         if not own.any():
             continue
         usual = [q.typical or np.inf for q, chosen in zip(one.parameters, own, strict=True) if chosen]
@@ -129,8 +167,7 @@ def _between(one: Between) -> Iterator[Sure]:
 
 
 def _left(one: Between, which: Mask) -> float:
-    """What the terms of ``which`` parameters and torque leave of the twist (rms) in each part of the log, as the other
-    parts tell them."""
+    """Cross-validated residual of the torsion (rms, rad), fitted by the terms of ``which`` parameters and by torque."""
     rows = np.flatnonzero(one.loaded)
     parts = np.array_split(rows, FOLDS)
     squares = 0.0

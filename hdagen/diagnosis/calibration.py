@@ -1,9 +1,9 @@
-"""How much of a decision's odds to believe: a temperature and a lapse, fitted on sealed simulated cases and frozen.
+"""The calibration of a decision's odds: a temperature and a lapse, fitted on sealed simulated cases and frozen.
 
-A model that is not true is surer than it should be, right or wrong: the odds of the leading hypothesis are taken to the
-power 1/T. And a search that misses something knows nothing of it, however sure it is: of all logs the share λ is taken
-from what is left, no less than so many cases could show had all been right. The others share the rest as before. The
-file has its own hash and those of its seeds, with which no check may be made.
+A model that is not true is too sure, whether it is right or wrong. So the odds of the leading hypothesis are raised to
+the power 1/T. A search that misses an effect does not know of it, however sure it is. So the probability is multiplied
+by 1 − λ, the lapse λ being at least the rate that so many cases could hide, had all been right. The other hypotheses
+share the rest in proportion. The file has its own hash and those of its seeds, which no check may use.
 
 Source: Guo et al., ICML 70 (2017) 1321 (temperature, for two classes); Wichmann, Hill, Percept. Psychophys. 63 (2001)
 1293 (a curve that misses its lapses bends to them); Laplace, Essai philosophique sur les probabilités (1814) (rule of
@@ -29,14 +29,17 @@ CLOSEST = 1e-6  # probabilities nearer to 0 or 1 count as this
 
 
 class CalibrationError(Exception):
-    """Calibration data or a frozen file that cannot be used; a sentence."""
+    """Calibration data or a frozen file that cannot be used; its message says why and what to do."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """``temperature`` of the log-odds; ``lapse``, share of logs of which a search may miss something; ``seeds``: hashes
-    of those it was fitted on; ``cases``; mean logarithmic loss, nats, ``before`` and ``after``; ``digest`` of the
-    file."""
+    """A calibration of the leading hypothesis' probability.
+
+    ``temperature`` divides the log odds (1); ``lapse`` is the share of logs in which a search may miss something.
+    ``seeds`` are hashes of the sealed cases that it was fitted on, ``cases`` their number. ``before`` and ``after`` are
+    mean logarithmic losses in nats; ``digest`` is that of the file.
+    """
 
     temperature: float
     lapse: float
@@ -47,14 +50,35 @@ class Calibration:
     digest: str
 
     def believed(self, leading: float) -> float:
-        """The probability of a leading hypothesis; one below a half is left, none falls below it."""
+        """Calibrate the probability of a leading hypothesis.
+
+        Args:
+            leading: its posterior probability (1).
+
+        Returns:
+            The calibrated one: at least a half where ``leading`` is above it, and ``leading`` itself elsewhere.
+
+        """
         p = min(max(leading, CLOSEST), 1.0 - CLOSEST)
+        if p <= 0.5:
+            return leading
         tempered = 1.0 / (1.0 + math.exp(-math.log(p / (1.0 - p)) / self.temperature))
-        return max((1.0 - self.lapse) * tempered, 0.5) if p > 0.5 else leading
+        return max((1.0 - self.lapse) * tempered, 0.5)
 
 
 def read(path: Path = FROZEN) -> Calibration:
-    """A frozen file. Raises CalibrationError where it is not as it was written."""
+    """Read a frozen calibration.
+
+    Args:
+        path: of the file; by default the one that ships.
+
+    Returns:
+        The calibration.
+
+    Raises:
+        CalibrationError: the file cannot be read, or is not as it was written.
+
+    """
     try:
         content = read_json(path, LARGEST, "freeze it again")
         stated = content.pop("sha256")
@@ -77,5 +101,13 @@ def read(path: Path = FROZEN) -> Calibration:
 
 
 def digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of what a frozen file holds, without itself."""
+    """Compute the digest of a frozen file.
+
+    Args:
+        content: of the file, without the digest.
+
+    Returns:
+        The SHA-256 of its canonical JSON, in hexadecimal digits.
+
+    """
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

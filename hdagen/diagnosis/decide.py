@@ -1,8 +1,8 @@
-"""The decision: probabilities of the hypotheses, what counts as present, and what no effect explains.
+"""The decision: posterior probabilities of the hypotheses, and the verdict.
 
-The likelihood counts as its root of order T, a temperature: no model of ours is true, what it leaves is not
-independent, and would be worth as much evidence to a better one. The prior counts as it is. What the leading
-hypothesis has of the probability is calibrated (`hdagen.diagnosis.calibration`).
+The likelihood counts as its root of order T, a temperature. No model of ours is true and its residuals are not
+independent, so a better model would gain as much evidence from them. The prior counts as it is. The probability of the
+leading hypothesis is calibrated (`hdagen.diagnosis.calibration`).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ DOUBT = 1 / 3  # probability of none, before any calibration, from which no effe
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A set of effects (name@joint, sorted; none: empty) with its probability; ``fit`` where it was fitted."""
+    """A set of effects (name@joint, sorted; none: empty) with its probability, and its ``fit`` where it has one."""
 
     names: tuple[str, ...]
     probability: float
@@ -51,16 +51,19 @@ class Hypothesis:
 
     @property
     def unknown(self) -> bool:
-        """Whether it says that something is at work that no effect explains."""
+        """Whether its effect is something that no known effect explains."""
         return any(name.startswith("unknown@") for name in self.names)
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """All hypotheses, the most probable first; ``verdict`` as diagnosis.json has it, its ``probability``, and what that
-    was before it was calibrated, ``stated``; ``best`` the fit it stands on. ``beside``: effects of the verdict that
-    no fit has and that are surely there, by name@joint, with the parameters that were read off. ``unseen``: where long
-    windows told it, effects that they would not show in their usual size; what they tell is parted from all else."""
+    """The hypotheses, the most probable first, and the verdict.
+
+    ``verdict`` has the effects as diagnosis.json does, ``probability`` is the calibrated one and ``stated`` the one
+    before calibration; ``best`` is the fit that the verdict stands on. ``beside`` has the effects of the verdict with
+    direct evidence that no fit has, by name@joint, with their parameters. ``unseen`` is set where the verdict comes
+    from long windows: the effects that these would not show in their usual size.
+    """
 
     hypotheses: tuple[Hypothesis, ...]
     verdict: tuple[str, ...]
@@ -72,43 +75,62 @@ class Decision:
 
     @property
     def sure(self) -> bool:
-        """Whether nothing else holds more than a tenth of the probability."""
+        """Whether the other hypotheses together hold at most a tenth of the probability."""
         return 1.0 - self.probability <= SURE and not self.unknown
 
     @property
     def lasting(self) -> bool:
-        """Whether long windows told it."""
+        """Whether the verdict comes from long windows."""
         return self.unseen is not None
 
     @property
     def unknown(self) -> bool:
-        """Whether something is said to be at work that no effect explains."""
+        """Whether the verdict names something that no known effect explains."""
         return any("unknown" in v for v in self.verdict)
 
     def marginal(self, name: str) -> float:
-        """The probability that an effect is present, alone or with others."""
+        """Compute the probability that an effect is present, alone or with others.
+
+        Args:
+            name: the effect, name@joint.
+
+        Returns:
+            The sum over all hypotheses that have it (1).
+
+        """
         return min(1.0, sum(h.probability for h in self.hypotheses if name in h.names))
 
 
 def sizes(fit: Fitted) -> dict[str, float]:
-    """Of the effects that are free, by name, in usual sizes: what its sines and cosines come to together, and of what
-    comes over time as much as came within the log. What only the linear model promises and no step came to is not there
-    yet, nor is what it would take away: the smaller one counts."""
+    """Measure the sizes of a fit's free effects.
+
+    Sine and cosine of one effect count together. Of an effect that grows over time, the part that it reached within the
+    log counts. The last step of the linear model is not taken yet: of the sizes before and after it the smaller counts.
+
+    Args:
+        fit: with its effects.
+
+    Returns:
+        By name the size, in usual sizes (1).
+
+    """
     words, stood = fit.design.words, fit.design.words.theta(fit.design.point.p)
     whole = {k: min(np.linalg.norm(one[words.free((k,))]) for one in (fit.posterior[0], stood)) for k in fit.atoms}
     return {words.atoms[k].name: float(size) * _came(k, fit) for k, size in whole.items()}
 
 
 def _counted(fit: Fitted) -> dict[str, float]:
-    """The same in multiples of the least that counts as present."""
+    """The same in multiples of the least size that counts as present."""
     words = fit.design.words
     least = {words.atoms[k].name: words.counts(k) for k in fit.atoms}
     return {name: size / least[name] for name, size in sizes(fit).items()}
 
 
 def _came(k: int, fit: Fitted) -> float:
-    """The largest share of atom k that is there where a window begins, where the fit stands: of what comes slowly, or
-    at high speed alone, a large size shows as little as a small one of what is soon there."""
+    """The largest share of candidate k that is reached where a window begins, at the fit's parameters.
+
+    A large effect that grows slowly, or at high speed alone, shows as little as a small one that acts at once.
+    """
     atom, shooting, point = fit.design.words.atoms[k], fit.design.shooting, fit.design.point
     if atom.effect not in COMES:
         return 1.0
@@ -118,12 +140,12 @@ def _came(k: int, fit: Fitted) -> float:
 
 
 def decide(search: Search, predicted: Mapping[tuple[str, ...], float] = MappingProxyType({})) -> Decision:
-    """Probabilities over none, every effect on every joint and the sets that were fitted, and the verdict.
+    """Compute the probabilities of no effect, of every effect on every joint and of the fitted sets, and the verdict.
 
     Args:
-        search: all sets where they stand.
-        predicted: what prediction over long windows takes from their log odds, as `weigh_predictions` has it; of one
-            that is not among them as much as from none.
+        search: all sets with their fits.
+        predicted: change of the sets' log odds by prediction over long windows, as `weigh_predictions` has it; other
+            sets change as the hypothesis of no effect does.
 
     Returns:
         The decision.
@@ -182,8 +204,10 @@ def _weigh(
     large: Mapping[tuple[str, ...], float],
     predicted: Mapping[tuple[str, ...], float],
 ) -> dict[tuple[str, ...], float]:
-    """Posterior weights of sets: their log ``evidence``, what is ``predicted``, and their prior; of those in ``large``
-    the share that is as large as counts, the rest being none's: what is there and too small to count is none."""
+    """Posterior weights of sets, from their log ``evidence``, the ``predicted`` log odds and the prior.
+
+    ``large`` has the share of a set's weight whose effects are as large as counts; the rest goes to no effect.
+    """
     count = sum(len(names) == 1 for names in evidence)
     told = {names: e + predicted.get(names, predicted.get((), 0.0)) for names, e in evidence.items()}
     top = max(told.values())
@@ -195,8 +219,19 @@ def _weigh(
 
 
 def decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
-    """What is said: the most probable hypothesis, and none where that is in doubt, with its probability as calibrated;
-    the others share the rest as before."""
+    """Conclude the verdict from the hypotheses.
+
+    It is the most probable hypothesis, or no effect where that is in doubt. Its probability is calibrated; the others
+    share the rest in proportion.
+
+    Args:
+        hypotheses: with their posterior probabilities.
+        left: the fit that the verdict stands on if its hypothesis has none.
+
+    Returns:
+        The decision.
+
+    """
     known = [h for h in hypotheses if not h.unknown]
     said, none = max(known, key=lambda h: h.probability), next(h for h in known if not h.names)
     strange = next((h for h in hypotheses if h.unknown), None)
@@ -215,9 +250,12 @@ def decided(hypotheses: list[Hypothesis], left: Fitted) -> Decision:
 
 
 def _strange(left: Fitted, none: Fitted) -> float:
-    """Odds that an effect is at work that is not in the dictionary: much stays unexplained, and the effects named tell
-    little of what none leaves, neither of the evidence, which is logarithmic in a large error, nor of the torque, which
-    is not what a saturation or an encoder lacks. A real machine always leaves something."""
+    """Odds of an effect that is not among the candidates.
+
+    They are large where much torque stays unexplained, and where the named effects explain little of the error that no
+    effect leaves. That share is measured by evidence, which is logarithmic in a large error, and by torque, which says
+    little of a saturation or an encoder. A real machine always leaves some torque.
+    """
     lacks = [max(fit.clean - fit.reached, LEAST) for fit in (left, none)]
     torques = [max(float(np.linalg.norm(fit.unexplained)), LEAST) for fit in (left, none)]
     size = min(max(torques[0] / UNKNOWN[0], (left.score.at.level - 1.0) / UNKNOWN[1]), PLAIN)
@@ -226,8 +264,7 @@ def _strange(left: Fitted, none: Fitted) -> float:
 
 
 def _more(fit: Fitted) -> tuple[str, ...]:
-    """The set with the base parameters that stand farther from the robot file's values than one in a hundred that is as
-    stated: those are there, whether the hypothesis means them or not."""
+    """The set with the base parameters that the fit has moved farther than all but one in a hundred would be."""
     words, (mean, covariance) = fit.design.words, fit.posterior
     beyond = {
         words.atoms[c.atom].name
@@ -244,8 +281,10 @@ def _less(
     evidence: Mapping[tuple[str, ...], float],
     place: Mapping[str, str],
 ) -> tuple[str, ...]:
-    """The set without what is too small to count, ``size`` being in multiples of the least that does, and without an
-    effect that only makes up for the formula of others of its kind on the same joint."""
+    """The set without effects too small to count, ``size`` being in multiples of the least that does.
+
+    It also goes without an effect that only corrects the formula of others of its kind on the same joint.
+    """
     large = tuple(name for name in names if size[name] >= 1.0)
     for name in large if large == names else ():
         rest = tuple(n for n in names if n != name)
@@ -258,13 +297,15 @@ def _less(
 
 
 def _alike(one: str, other: str, place: Mapping[str, str]) -> bool:
-    """Whether both act between the encoders of the same joint, or are friction of the same motor: no machine has
-    exactly the formula of either. A wall is met beyond one angle alone, and mends no gear's formula."""
+    """Whether both effects act between the encoders of the same joint, or are friction of the same motor.
+
+    No machine has exactly the formula of either. A wall acts beyond one angle alone, and corrects no gear's formula.
+    """
     gear = {place[n] in GEAR and not n.startswith("contact@") for n in (one, other)}
     friction = {"_friction@" in n for n in (one, other)}
     return one.partition("@")[2] == other.partition("@")[2] and {True} in (gear, friction)
 
 
 def _prior(effects: int, count: int) -> float:
-    """Of one set with so many effects, of ``count`` that there are."""
+    """Prior probability of one set with so many ``effects``, of ``count`` candidates."""
     return NONE if not effects else (1 - NONE) / count * (FURTHER / count) ** (effects - 1)

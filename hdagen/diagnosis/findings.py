@@ -1,4 +1,4 @@
-"""What a decision says in diagnosis.json: verdict, causes, hypotheses, parameters."""
+"""The part of diagnosis.json that a decision fills: verdict, causes, hypotheses, parameters."""
 
 from __future__ import annotations
 
@@ -18,20 +18,34 @@ from hdagen.diagnosis.separators import separate_by
 from hdagen.diagnosis.told import Told
 from hdagen.plant import Parameter
 
-LEANS = {"tilt_x": "gravity_x", "tilt_y": "gravity_y"}  # what stands for a base that leans less than is named
-SAID = 2.0  # standard deviations of one of several sizes of an effect, from which on it is there
+LEANS = {"tilt_x": "gravity_x", "tilt_y": "gravity_y"}  # a small tilt of the base, and the gravity it is equal to
+SAID = 2.0  # standard deviations of one of several sizes of an effect, from which it counts as present
 END = 1e-9  # of an end of a parameter's range, or of its nominal, within which it stands at that end
 LIKELY = 0.01  # probability from which another cause is named as confounded
 
 
 def findings(found: Search, decision: Decision) -> dict[str, Any]:
-    """All of diagnosis.json that the fit says; the gap, the robot and the data are added by who has them."""
+    """Describe a decision as diagnosis.json has it.
+
+    Args:
+        found: the search, with all fits.
+        decision: made from it.
+
+    Returns:
+        The content that follows from the fits; the callers add the gap, the robot and the data.
+
+    """
     best = decision.best
     place = {atom.name: atom.place for fit in found.fitted for atom in fit.design.words.atoms}
     named = dict.fromkeys(n for h in decision.hypotheses for n in h.names if not n.startswith("unknown@"))
     likely = {name: decision.marginal(name) for name in named}
-    told = Told(best if best.whole else first_whole(found.fitted), found.fitted[0].temperature)
-    unseen = told.unseen() if decision.unseen is None else decision.unseen
+    whole = best
+    if not best.whole:
+        whole = first_whole(found.fitted)
+    told = Told(whole, found.fitted[0].temperature)
+    unseen: Sequence[str] | None = decision.unseen
+    if unseen is None:
+        unseen = told.unseen()
     causes = []
     for name in sorted(likely, key=lambda name: -likely[name]):
         fit = next((h.fit for h in decision.hypotheses if name in h.names and h.fit), None)
@@ -62,23 +76,28 @@ def findings(found: Search, decision: Decision) -> dict[str, Any]:
 
 
 def _instead(decision: Decision, name: str, other: str) -> float:
-    """The probability of another effect but for hypotheses in which it stands for something else of the verdict; none
-    where the effect is surely there, whatever else is."""
+    """The probability that another effect takes the place of this one.
+
+    Hypotheses in which it stands for another effect of the verdict do not count. It is 0 for an effect with direct
+    evidence.
+    """
     if name == other or name in decision.beside:
         return 0.0
-    rest = set(decision.verdict) - {name} if name in decision.verdict else set()
+    rest: set[str] = set()
+    if name in decision.verdict:
+        rest = set(decision.verdict) - {name}
     return sum(
         h.probability for h in decision.hypotheses if other in h.names and (name not in h.names or rest <= set(h.names))
     )
 
 
 def _where(entry: str, place: str) -> dict[str, Any]:
-    """Joint and place of an effect; its share and when it acts are not computed and stay empty."""
+    """Joint and place of an effect; its share, and when it acts, are filled in later."""
     return {"joint": int(entry.partition("@")[2]), "place": place, "share": None, "interval": None, "when": ""}
 
 
 def _parameters(name: str, fit: Fitted | None, decision: Decision) -> dict[str, Any]:
-    """Those of a candidate where it was fitted, or as they were read off, of which no std is known."""
+    """Parameters of a candidate, from its fit or from direct evidence; the latter have no standard deviation."""
     if fit is None and name not in decision.beside:
         return {}
     if name not in decision.beside:
@@ -90,39 +109,61 @@ def _parameters(name: str, fit: Fitted | None, decision: Decision) -> dict[str, 
 
 
 def _cause(name: str, probability: float, parameters: dict[str, Any], confounded: list[str]) -> dict[str, Any]:
-    """A candidate that was tried."""
+    """A candidate that was tried, as an entry of `causes`."""
     effect, _, joint = name.partition("@")
-    suffix = f"_{joint}" if joint != "0" else ""
+    suffix = ""
+    if joint != "0":
+        suffix = f"_{joint}"
     return {
         "effect": effect,
         "joint": int(joint),
         "probability": probability,
-        "parameters": {k.removesuffix(suffix) if suffix else k: v for k, v in parameters.items()},
+        "parameters": {key.removesuffix(suffix): value for key, value in parameters.items()},
         "confounded_with": confounded,
         "separate_by": separate_by(name, confounded),
     }
 
 
 def estimates(fit: Fitted, atom: int) -> dict[str, Any]:
-    """Value, std and unit of the sizes of an atom where a fit stands, and of its shapes, of which no std is known. Of
-    what is there in several ways the log may tell one and say nothing of another: that is not there, as what is at the
-    edge of this motion may be in the middle of the next."""
+    """Estimate the parameters of one candidate from a fit.
+
+    A log may determine one of several sizes of an effect and leave another one open. The open one stays at its nominal
+    value: at the edge of this motion, it may be in the middle of the next.
+
+    Args:
+        fit: with the candidate.
+        atom: index of the candidate.
+
+    Returns:
+        By parameter its value, std, unit and end of range, in SI. The shapes of the candidate have no std.
+
+    """
     words, described = fit.design.words, fit.design.shooting.arm.parameters.described
     columns, (mean, covariance) = words.columns, fit.posterior
     free, std = words.free((atom,)), np.sqrt(np.diagonal(covariance))
-    told = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where nothing else makes up for it
+    told = np.diagonal(np.linalg.inv(covariance / std / std[:, None]))  # 1 where no other parameter compensates
     alone = (std / np.sqrt(np.maximum(told, 1.0)))[free]  # std, all others being held
     spread = {columns[k].parameter: float(std[k]) * columns[k].unit for k in free}
     names = (*spread, *words.atoms[atom].shapes)
     found = {name: _estimate(fit, described[name], list(described).index(name), spread.get(name)) for name in names}
     silent = [columns[k] for k, own in zip(free, alone, strict=True) if abs(mean[k]) < SAID * own]
-    for column in silent if len(silent) < len(free) else ():
-        found[column.parameter] |= {"value": column.center, "end": None}
+    if len(silent) < len(free):
+        for column in silent:
+            found[column.parameter] |= {"value": column.center, "end": None}
     return found
 
 
 def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
-    """What a verdict of these effects would say, were it to stand where ``fit`` does."""
+    """Build the verdict that some effects would have at the parameters of a fit.
+
+    Args:
+        fit: whose parameters are taken.
+        names: of the effects, effect@joint; those that the fit lacks are left out.
+
+    Returns:
+        The verdict, ready to be applied to a model.
+
+    """
     there = [name for name in names if name in fit.names]
     atoms = {fit.design.words.atoms[k].name: k for k in fit.atoms}
     causes = [_cause(name, 1.0, estimates(fit, atoms[name]), []) for name in there]
@@ -131,14 +172,15 @@ def hypothetical(fit: Fitted, names: Sequence[str]) -> verdict.Verdict:
 
 
 def estimate_base(best: Fitted) -> dict[str, Any]:
-    """The base parameters where a fit stands.
+    """Estimate the base parameters of a fit.
+
+    No base is quite level: where the fit has no effect for its tilt, the components of gravity have it.
 
     Args:
         best: the fit of a set of effects, or of none.
 
     Returns:
-        `parameters` of diagnosis.json. No base is quite level; what it leans, where no effect of the fit says that, is
-        in gravity.
+        `parameters` of diagnosis.json: value, std, unit and end of range, in SI.
 
     """
     described, (_, covariance) = best.design.shooting.arm.parameters.described, best.posterior
@@ -161,9 +203,10 @@ def estimate_base(best: Fitted) -> dict[str, Any]:
 
 
 def _estimate(fit: Fitted, parameter: Parameter, place: int, std: float | None) -> dict[str, Any]:
-    """``end``: which end of its range it was moved to, if one; beyond it the fit cannot go."""
+    """Value, std and unit of a parameter; ``end`` is the end of its range that it stands at, if it does."""
     value, ends = float(fit.design.point.p[place]), {"low": parameter.low, "high": parameter.high}
     least = {name: END * max(abs(end), abs(parameter.nominal)) for name, end in ends.items()}
     end = next((name for name in ends if abs(value - ends[name]) <= least[name]), None)
-    end = None if value == parameter.nominal else end
+    if value == parameter.nominal:
+        end = None
     return {"value": value, "std": std, "unit": parameter.unit, "end": end}

@@ -1,8 +1,9 @@
-"""Whether the robot file can be that of the logged machine: what a diagnosis bends to make its numbers fit.
+"""A test whether the robot file can describe the logged machine.
 
-Tolerances state how far the machine may be from its file. Where the best explanation needs many numbers far outside
-theirs, together less likely than one in a million, it explains another machine's log, or tolerances that are too small;
-an effect that is named on top of that would be a guess. What is unknown bends what it likes, and is not asked.
+Tolerances state how far the machine may be from its file. The best explanation may need many parameters far outside
+their tolerances, together less likely than one in a million. Then the log is of another machine, or the tolerances are
+too small, and an effect that is named on top of that would be a guess. Where the verdict names something unknown, the
+caller does not use this test: an unknown torque bends the base parameters.
 """
 
 from __future__ import annotations
@@ -11,13 +12,23 @@ from scipy.special import gammaincc  # scipy.stats would take half a second to i
 
 from hdagen.diagnosis.fitting import Fitted
 
-UNLIKELY = 1e-6
-SHOWN = 4  # numbers that are named
+UNLIKELY = 1e-6  # probability of such deviations if the file is right, below which it is refused
+SHOWN = 4  # parameters that are named
 
 
 def foreign(best: Fitted) -> str | None:
-    """A sentence that refuses, or None: of the numbers that the robot file states with a tolerance, without those that
-    a named effect moves, the sum of squares in tolerances is that of chi² if the file is right."""
+    """Refuse a robot file whose parameters are too far outside their tolerances.
+
+    If the file is right, the sum of squares of its deviations in tolerances is distributed as chi². Parameters that a
+    named effect moves do not count.
+
+    Args:
+        best: the best fit.
+
+    Returns:
+        The sentence that refuses, or None where the file can be right.
+
+    """
     described = best.design.shooting.arm.parameters.described
     off = {
         c.parameter: float(value) / c.spike

@@ -1,4 +1,4 @@
-"""What a page shows of the gap: as a whole, by channel, what remains, and what is small or within tolerance."""
+"""The page's section on the gap: as a whole, by channel, remainders, small effects, and effects within tolerance."""
 
 from __future__ import annotations
 
@@ -14,20 +14,25 @@ from hdagen.pages.table import table
 
 
 def show_gap(content: dict[str, Any]) -> Section:
-    """The section of a page.
+    """Make the section of the page.
 
     Args:
         content: of diagnosis.json.
 
     Returns:
-        The gap as a whole and by channel, what remains, and what is small or within tolerance.
+        The gap as a whole and by channel, remainders, small effects, and effects within tolerance.
 
     """
     gap = content["gap"]
     channels = gap["by_channel"]
     names, values = ["before", "after"], [gap["before"], gap["after"]]
+    caption = ""
     if gap["flexible"] is not None:
         names, values = [*names, "flexible correction"], [*values, gap["flexible"]]
+        caption = (
+            "Flexible correction: base parameters refitted, then regressions without structure as far as they close "
+            "more, on the same data."
+        )
     whole = bars(
         "Gap on held-out motion",
         names,
@@ -35,15 +40,15 @@ def show_gap(content: dict[str, Any]) -> Section:
         value_label="replay error in multiples of noise",
         levels=bound_gap(gap),
         log=True,
-        caption="Flexible correction: base parameters refitted, then regressions without structure as far as they "
-        "close more, on the same data."
-        if gap["flexible"] is not None
-        else "",
+        caption=caption,
     )
+    drawn = []
+    for when in ("before", "after"):
+        drawn.append(Bars(when, [c[when] for c in channels.values()], color=COLORS[when]))
     by = bars(
         "Gap by channel",
         [name.replace("_", " ") for name in channels],
-        [Bars(when, [c[when] for c in channels.values()], color=COLORS[when]) for when in ("before", "after")],
+        drawn,
         value_label="replay error in multiples of noise",
         levels=[(gap["floor"], "noise alone")],
         log=True,
@@ -56,20 +61,20 @@ def show_gap(content: dict[str, Any]) -> Section:
 
 
 def bound_gap(gap: dict[str, Any]) -> list[tuple[float, str]]:
-    """What bounds a gap.
+    """List the levels that bound a gap.
 
     Args:
         gap: of diagnosis.json.
 
     Returns:
-        Noise, and the least that anything fitted leaves, each with its words.
+        The noise and the achievable gap, in multiples of the noise, each with its words.
 
     """
     return [(gap["floor"], "noise alone"), (gap["achievable"], "best of all that was fitted")]
 
 
 def _remains(content: dict[str, Any]) -> list[str]:
-    """What of each joint's error no known effect explains; nothing where there was no error."""
+    """A table of the share of each joint's error that no known effect explains; no table where there was no error."""
     rows: list[list[str | float | None]] = [
         [f"joint {one['joint']}", 100 * one["share"], one["noise"]] for one in content["remains"]
     ]
@@ -88,7 +93,7 @@ def _remains(content: dict[str, Any]) -> list[str]:
 
 
 def _small(content: dict[str, Any]) -> list[str]:
-    """Effects that are there and close next to nothing; nothing where there are none."""
+    """A table of effects that are present and close next to nothing of the gap; no table where there are none."""
     rows: list[list[str | float | None]] = [
         [words(f"{one['effect']}@{one['joint']}"), one["without"], one["with"]] for one in content["small"]
     ]
@@ -106,7 +111,7 @@ def _small(content: dict[str, Any]) -> list[str]:
 
 
 def _tolerated(content: dict[str, Any]) -> list[str]:
-    """What else would close of the gap though it is within tolerance; nothing where nothing would."""
+    """A table of effects within tolerance that would close more of the gap; no table where there are none."""
     rows: list[list[str | float | None]] = []
     for one in content["tolerated"]:
         values = ", ".join(

@@ -1,4 +1,4 @@
-"""The rows of each log that a gap is counted over, as diagnosis.json names them, and a replay counted over them."""
+"""The rows of each log that a gap is counted over, as diagnosis.json names them, and replays counted over them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from hdagen.replay import Replay
 
 
 def name_rows(held: Portion, logs: Sequence[Log]) -> list[dict[str, Any]]:
-    """`data.hold_out` of a diagnosis.json.
+    """Name the rows that a gap is counted over, as `data.hold_out` of diagnosis.json.
 
     Args:
-        held: what is counted of all ``logs``, which are joined in it.
+        held: the counted rows of all ``logs``, which are joined in it.
         logs: in their order, each with its own time.
 
     Returns:
@@ -28,20 +28,21 @@ def name_rows(held: Portion, logs: Sequence[Log]) -> list[dict[str, Any]]:
     """
     ends = np.cumsum([len(log) for log in logs])
     each = [Portion(log, held.rows[end - len(log) : end]) for log, end in zip(logs, ends, strict=True)]
-    return [
-        {"log": one.log.source, "rows": int(one.rows.sum()), "spans": [list(span) for span in one.spans]}
-        for one in each
-    ]
+    named = []
+    for one in each:
+        spans = [list(span) for span in one.spans]
+        named.append({"log": one.log.source, "rows": int(one.rows.sum()), "spans": spans})
+    return named
 
 
 def count_rows(found: Replay, log: Log, content: Mapping[str, Any], source: str) -> Replay:
-    """A replay counted as a diagnosis counts it: over its rows and its channels, in its noise.
+    """Count a replay as a diagnosis counts it: over its rows and its channels, in its noise.
 
     Args:
         found: a replay of ``log``.
         log: one of the logs that the diagnosis held out of its fit, repaired as `hdagen.repair` does.
         content: of the diagnosis.json.
-        source: where that stands, for sentences.
+        source: path of the diagnosis.json, for sentences.
 
     Returns:
         ``found`` with other errors and noise, and so with another gap, and with a note that says so.
@@ -73,15 +74,16 @@ def count_rows(found: Replay, log: Log, content: Mapping[str, Any], source: str)
 
 
 def _entry(known: Sequence[str], wanted: str, source: str) -> str:
-    """The one of the ``known`` paths that is the log ``wanted``, or the only one with its name. Raises PlantError."""
+    """The path among ``known`` that is the log ``wanted``, or the only one with its name. Raises PlantError."""
     if wanted in known:
         return wanted
     named = [one for one in known if Path(one).name == Path(wanted).name]
     if len(named) == 1:
         return named[0]
-    raise PlantError(
-        f"{source}: counts no rows of {wanted}; possible {'is' if len(known) == 1 else 'are'} {', '.join(known)}."
-    )
+    verb = "are"
+    if len(known) == 1:
+        verb = "is"
+    raise PlantError(f"{source}: counts no rows of {wanted}; possible {verb} {', '.join(known)}.")
 
 
 def _rows(log: Log, spans: np.ndarray) -> Mask:

@@ -1,4 +1,4 @@
-"""What of a decision stands on motion that no fit saw, step by step."""
+"""The steps of checking a decision on motion that no fit saw."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from hdagen.replay import Replay
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """What is said of a ``decision``: ``content`` of diagnosis.json so far, the model with what stands of it, ``arm``,
-    and its replay, ``after``."""
+    """A statement of a ``decision``: ``content`` of diagnosis.json so far, the ``arm`` with the verdict that the motion
+    confirms, and its replay ``after``."""
 
     decision: Decision
     content: dict[str, Any]
@@ -35,8 +35,10 @@ class Statement:
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """Judges what a search ``found`` on a ``motion`` that it did not see. ``plain`` is the robot file's model, ``arm``
-    the one with every effect; ``direct`` are the effects that the log shows by themselves."""
+    """Judges the result ``found`` of a search on a ``motion`` that it did not see.
+
+    ``plain`` is the robot file's model, ``arm`` the one with every effect; ``direct`` are effects with direct evidence.
+    """
 
     plain: Arm
     arm: Arm
@@ -45,8 +47,19 @@ class Judge:
     motion: UnseenMotion
 
     def state(self, decision: Decision, *further: UnseenMotion) -> Statement:
-        """What is said of a decision, as far as it closes the gap on the motion and on each ``further`` one, on the
-        last of which the gap is measured. Raises PlantError."""
+        """State a decision as far as it closes the gap on the motion, and on further ones.
+
+        Args:
+            decision: to be stated.
+            further: other motions that no fit saw.
+
+        Returns:
+            The statement, with the gap on the last motion.
+
+        Raises:
+            PlantError: a model cannot be simulated.
+
+        """
         motions = list(dict.fromkeys((self.motion, *further)))
         content = findings(self.found, decision)
         none = next(fit for fit in best_first(self.found.fitted) if not fit.names)
@@ -55,8 +68,18 @@ class Judge:
         return Statement(decision, content, arm, after)
 
     def name_known(self, strange: Decision) -> Decision | None:
-        """The known effects in place of something unknown, where the motion bears that out; else None. Raises
-        PlantError."""
+        """Name known effects in place of something unknown, where the motion confirms them.
+
+        Args:
+            strange: a decision whose verdict is something unknown.
+
+        Returns:
+            The decision for known effects, or None.
+
+        Raises:
+            PlantError: a model cannot be simulated.
+
+        """
         if not (without_it := known(strange)).verdict:
             return None
         alone = self._with_leading_set(without_it)
@@ -66,8 +89,19 @@ class Judge:
         return None if tried.unknown or outsized(alone.content) else tried
 
     def settle(self, decision: Decision, last: UnseenMotion) -> Statement:
-        """What is said of a decision as it stands on the motion; the gap is that on the ``last`` one. Raises
-        PlantError."""
+        """Check a decision on the motion, and state it.
+
+        Args:
+            decision: to be stated.
+            last: the motion on which the gap is measured.
+
+        Returns:
+            The statement.
+
+        Raises:
+            PlantError: a model cannot be simulated.
+
+        """
         told, judged_so = self.check(decision)
         if last is not self.motion:
             told = self.state(told.decision, last)
@@ -75,15 +109,35 @@ class Judge:
         return told
 
     def withhold(self, decision: Decision, last: UnseenMotion, contradicted: dict[str, Any]) -> Statement:
-        """That nothing can be said, as the hold-out contradicts the log; the gap is that on the ``last`` motion."""
+        """State that there is no verdict, as the hold-out contradicts the log.
+
+        Args:
+            decision: of the log.
+            last: the motion on which the gap is measured.
+            contradicted: of diagnosis.json.
+
+        Returns:
+            The statement.
+
+        """
         content = findings(self.found, replace(decision, verdict=()))
         content |= {"sure": False, "parameters": {}, "gap": last.measure_gap(last.before)}
         content |= {"doubted": None, "alone": self._list_direct(), "small": [], "contradicted": contradicted}
         return Statement(decision, content, self.plain, last.before)
 
     def check(self, decision: Decision) -> tuple[Statement, dict[str, Any]]:
-        """What is said of the decision as it stands on the motion, and ``doubted``, ``alone`` and ``small`` of
-        diagnosis.json. Raises PlantError."""
+        """Check a decision on the motion: add direct evidence, doubt, and drop small effects.
+
+        Args:
+            decision: to be checked.
+
+        Returns:
+            The statement, and ``doubted``, ``alone`` and ``small`` of diagnosis.json.
+
+        Raises:
+            PlantError: a model cannot be simulated.
+
+        """
         stated = self._with_leading_set(decision)
         fitted: dict[tuple[str, ...], Fitted] = {}
         for fit in best_first(self.found.fitted):
@@ -99,13 +153,13 @@ class Judge:
         return stated, {"doubted": doubt, "alone": self._list_direct(), "small": small}
 
     def _with_leading_set(self, decision: Decision) -> Statement:
-        """What is said with the effects that the log shows by themselves, of the set that leads on the motion."""
+        """The statement with direct evidence, of the set of effects that leads on the motion."""
         stated = self._with_direct(decision)
         leading = lead_on_unseen_motion(stated.decision, partial(self._measure, stated))
         return stated if leading is stated.decision else self._with_direct(leading)
 
     def _measure(self, stated: Statement, decision: Decision) -> dict[str, Any]:
-        """The gap with a decision; of what is ``stated`` it is known."""
+        """The gap with a decision; that of the ``stated`` one is known."""
         told = stated if decision is stated.decision else self.state(decision)
         return dict(told.content["gap"])
 
@@ -114,7 +168,7 @@ class Judge:
         return [one.content for one in self.direct]
 
     def _with_direct(self, decision: Decision) -> Statement:
-        """What is said with the effects that the log shows by themselves, which are withdrawn first."""
+        """The statement with direct evidence, or without it where the motion does not confirm it."""
         if (more := beside(decision, self.direct)) is not decision:
             stated = self.state(more)
             if stated.content["verdict"] == list(more.verdict):
@@ -123,15 +177,15 @@ class Judge:
 
 
 def choose_model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
-    """The model that a verdict is replayed on.
+    """Choose the model that a verdict is replayed on.
 
     Args:
-        arm: with every effect, as a model with the verdict's alone is to be compiled, and rigid drives that are rigid.
-        decision: where its fit stands, the model may have springs.
+        arm: with every effect; drives that the robot file calls rigid are rigid.
+        decision: whose fit may be of the model with springs.
         content: of diagnosis.json.
 
     Returns:
-        The arm, or where that lacks what is said the model with springs.
+        The arm, or the model with springs where the arm lacks parameters of the verdict.
 
     """
     said = verdict.read(content)
@@ -141,15 +195,15 @@ def choose_model(arm: Arm, decision: Decision, content: dict[str, Any]) -> Arm:
 
 
 def choose(decision: Decision, judge: Judge, search_long_windows: Callable[[Decision], Decision | None]) -> Decision:
-    """What is said where something unknown may be at work.
+    """Choose the decision where something unknown may be present.
 
     Args:
-        decision: what short windows say.
+        decision: of the short windows.
         judge: on motion that they did not see.
-        search_long_windows: looks once more, for what works all the time, where something unknown leads still.
+        search_long_windows: searches for effects that act all the time, if something unknown still leads.
 
     Returns:
-        The decision, which names known effects wherever these are borne out.
+        The decision, which names known effects wherever the motion confirms them.
 
     Raises:
         PlantError: a model cannot be simulated.

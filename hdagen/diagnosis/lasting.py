@@ -1,21 +1,22 @@
-"""What works all the time, where short windows cannot tell it from what no effect explains.
+"""A search over long windows for effects that act all the time, where short windows leave something unknown.
 
-A torque that no effect explains, as of a rough gear or a drive that does not do as it is told, comes and goes within
-hundredths of a second: in short windows it hides what always works, over long ones it averages out. So where something
-unknown leads, effects are looked for once more, by what a plain simulation, with no torque of its own, errs by in long
-windows: one after another the one that lowers that most. Then those are let go that lower next to nothing in parts of
-the log that they are not fitted to. A set with another effect in the place of one of them shares the probability.
+A torque that no effect explains, as of a rough gear or a drive that does not follow its commands, comes and goes within
+hundredths of a second. In short windows it hides effects that act all the time; over long ones it averages out. So
+where something unknown leads, this search adds effects once more. It simulates long windows without an unknown torque,
+and adds one effect after another, each time the one that lowers the cost most. Then it drops those that lower next to
+nothing in parts of the log that they are not fitted to. A set with another effect in the place of one of them shares
+the probability.
 
-An error that has begun goes on, so each window tells one number of a channel, whatever its rows. What is lowered is
+An error that has begun goes on, so each window counts as one observation of a channel, whatever its rows. The cost is
 
     W Σ_i log e_i² + Σ (θ / v)²,
 
-e_i the root mean square of the errors of channel i, the encoders of a joint being one, as a share of what the model
-errs by without any effect; θ sizes of the effects that are named, in what is usual (v = 1), and of the base parameters,
-within their tolerance v.
+e_i being the root mean square error of channel i, the encoders of a joint as one, over that of the model without any
+effect. θ are the sizes of the named effects, in usual ones (v = 1), and those of the base parameters, in which v is
+their tolerance.
 
-Legend: W windows, S rows that are looked at, M channels, I of them with a joint's encoders as one, L lanes, C columns
-of the dictionary, P of those free in a set of effects; θ (C) is 0 but for these.
+Legend: W windows, S sampled rows, M channels, I of them with a joint's encoders as one, L lanes, C columns of the
+dictionary, P of those free in a set of effects; θ (C) is 0 but for these.
 Source: Ljung, System Identification (1999), 3.2 and 7.2 (simulation over a horizon as the error that is lowered).
 """
 
@@ -59,10 +60,25 @@ TENTH = -2.0 * float(np.log(0.9))  # of what is lowered, a window: by this much 
 def lasting(
     decision: Decision, found: Search, arm: Arm, shown: Portion, window: float, alone: Sequence[Sure]
 ) -> Decision | None:
-    """The decision that something unknown is at work, with the effects of ``arm``, on which the search ``found``
-    nothing that tells it all, that long windows of what is ``shown`` tell as the most probable of what is known, beside
-    those that are sure ``alone``; None if they tell none, or are too few, each being longer than those of ``window`` s
-    that were searched. Raises LogError."""
+    """Search long windows for known effects where short windows leave something unknown.
+
+    Args:
+        decision: whose verdict is something unknown.
+        found: the search in short windows.
+        arm: the model with every effect.
+        shown: the rows (T,) of the log that were fitted.
+        window: length of the short windows, s.
+        alone: effects with direct evidence, which every model has.
+
+    Returns:
+        The decision with the most probable known effects of long windows; None if there are none, or too few windows.
+
+    Raises:
+        LogError: the log does not fit the model.
+
+    Source: Ljung, System Identification (1999), 3.2 and 7.2 (simulation over a horizon as the error that is lowered).
+
+    """
     long = record(arm, shown, max(WINDOW, window))
     if len(long.kept) < FEWEST:
         return None
@@ -92,7 +108,7 @@ def lasting(
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Effects (atoms of a dictionary) with sizes θ (C), the errors there (S, M), and what is lowered."""
+    """Effects (atoms of a dictionary) with sizes θ (C), their errors (S, M), and their cost."""
 
     atoms: tuple[int, ...]
     theta: Array
@@ -124,8 +140,12 @@ class Lasting:
         self.floor = self._joined((noise / self.usual)[None] ** 2)[0]
 
     def found(self) -> list[Model]:
-        """The set of effects that is told, and those with another effect in the place of one of its, what lowers most
-        first; the last one has none."""
+        """Find the set of effects of the lowest cost.
+
+        Returns:
+            That set, then the sets with another effect in the place of one of its, and last the model with no effect.
+
+        """
         none = model = self._fitted(self._model((), np.zeros(len(self.words.columns))))
         while len(model.atoms) < MOST:
             further = self._further(model)
@@ -143,7 +163,15 @@ class Lasting:
         return [none]
 
     def within(self, model: Model) -> Model:
-        """The same with the base parameters as far as a verdict may move them."""
+        """Fit a model again with its base parameters only as far as a verdict may move them.
+
+        Args:
+            model: as it was found.
+
+        Returns:
+            The model with these bounds.
+
+        """
         theta = model.theta.copy()
         free, wide = self._free(model.atoms)
         base = [self.words.columns[k].atom not in model.atoms for k in free]
@@ -151,7 +179,15 @@ class Lasting:
         return self._fitted(self._model(model.atoms, theta), reach=REACH)
 
     def at(self, model: Model) -> Array:
-        """The parameters (np) of a model, within their bounds."""
+        """Place a model's sizes in the parameters.
+
+        Args:
+            model: with its sizes.
+
+        Returns:
+            The parameters (np,) in SI, within their bounds.
+
+        """
         return self._placed(model.atoms, model.theta)
 
     def _placed(self, atoms: Sequence[int], theta: Array) -> Array:
@@ -166,24 +202,24 @@ class Lasting:
         return p
 
     def _free(self, atoms: Sequence[int]) -> tuple[Array, Array]:
-        """Which columns (P) a model has, and their standard deviations (P)."""
+        """The free columns (P) of a model, and their prior standard deviations (P)."""
         free = [k for k, c in enumerate(self.words.columns) if c.base or c.atom in atoms]
         wide = [SLAB if self.words.columns[k].atom in atoms else self.words.columns[k].spike for k in free]
         return np.array(free, int), np.array(wide)
 
     def _errors(self, points: Sequence[Array]) -> Array:
-        """What the channels err by (L, S, M) at some parameters, as a share of what is usual."""
+        """Errors of the channels (L, S, M) at some parameters, over the usual errors."""
         record = self.shooting.record
         seen = np.stack(self.shooting.all([Lane(p, self.shooting.begun(p)) for p in points]))
         return np.asarray(record.missed(seen) / self.usual)
 
     def _joined(self, squares: Array) -> Array:
-        """Of all channels (L, M) those with a joint's encoders as one (L, I), on average."""
+        """Average the squares of all channels (L, M) over each joint's encoders (L, I)."""
         counts = np.bincount(self.channel)
         return np.stack([np.bincount(self.channel, row) / counts for row in squares])
 
     def _left(self, errors: Array, rows: Mask | slice = slice(None)) -> Array:
-        """Mean squares (L, I) of errors (L, S, M) in some ``rows``, no less than what counts."""
+        """Mean squares (L, I) of errors (L, S, M) in some ``rows``, no less than the floor."""
         errors = errors[:, rows]
         return np.maximum(self._joined(np.einsum("lsm,lsm->lm", errors, errors) / errors.shape[1]), self.floor)
 
@@ -192,7 +228,7 @@ class Lasting:
         return np.asarray(len(np.unique(self.window[rows])) * np.log(self._left(errors, rows)).sum(1))
 
     def _cost(self, atoms: Sequence[int], errors: Array, thetas: Array, rows: Mask | slice = slice(None)) -> Array:
-        """What is lowered (L) with errors (L, S, M) at sizes (L, C), in some ``rows`` alone."""
+        """The cost (L) of errors (L, S, M) at sizes (L, C), in some ``rows`` alone."""
         free, wide = self._free(atoms)
         return np.asarray(self._told(errors, rows) + ((thetas[:, free] / wide) ** 2).sum(1))
 
@@ -201,7 +237,7 @@ class Lasting:
         return Model(atoms, theta, errors[0], float(self._cost(atoms, errors, theta[None])[0]))
 
     def _slopes(self, model: Model) -> Array:
-        """How the errors change with each size that is free (P, S, M)."""
+        """Derivatives of the errors by each free size (P, S, M)."""
         free, wide = self._free(model.atoms)
         steps = np.zeros((len(free), len(model.theta)))
         steps[range(len(free)), free] = NEAR * wide * np.where(model.theta[free] < 0, -1.0, 1.0)
@@ -224,8 +260,7 @@ class Lasting:
     def _fitted(
         self, model: Model, rows: Mask | slice = slice(None), steps: int = STEPS, reach: float = np.inf
     ) -> Model:
-        """The same effects where they lower most, in some ``rows`` alone, and what else is free within so many standard
-        deviations."""
+        """Fit a model's sizes by some ``rows`` alone; base parameters ``reach`` so many standard deviations."""
         model = replace(model, cost=float(self._cost(model.atoms, model.errors[None], model.theta[None], rows)[0]))
         free, wide = self._free(model.atoms)
         most = np.where([self.words.columns[k].atom in model.atoms for k in free], np.inf, reach * wide)
@@ -245,7 +280,7 @@ class Lasting:
         return model
 
     def _further(self, model: Model) -> list[Model]:
-        """A fitted model with one more effect, those that promise most at one of their sizes; the best first."""
+        """Fitted models with one more effect, the most promising at one of their sizes; the best first."""
         key = tuple(sorted(model.atoms))
         if key not in self.tried:
             self.tried[key] = self._promising(model)
@@ -266,8 +301,15 @@ class Lasting:
         return sorted(fitted, key=lambda one: one.cost)
 
     def unseen(self, model: Model) -> list[str]:
-        """Effects that would not be told though they were there in their usual size beside what is left with a model,
-        those that show least first."""
+        """Find effects that would not be found although they were present in their usual size.
+
+        Args:
+            model: whose errors remain beside them.
+
+        Returns:
+            Their names, effect@joint, those that show least first.
+
+        """
         slopes = self._slopes(model)
         lowered: dict[str, list[float]] = {}
         for some in self._options(model, (1.0,)):
@@ -280,14 +322,13 @@ class Lasting:
         return sorted((name for name in shows if shows[name] <= self.worth), key=lambda name: (shows[name], name))
 
     def _options(self, model: Model, sizes: Sequence[float]) -> Iterator[list[tuple[int, Array]]]:
-        """Atoms that say something beside a model, each with its θ (C) at some usual sizes, as many as run at once."""
+        """Atoms that a model can take, each with its θ (C) at some usual sizes, as many as run at once."""
         fits = [k for k in range(len(self.words.atoms)) if self._fits(model, k)]
         options = [(k, theta) for k in fits for theta in self._sizes(k, sizes)]
         return (options[k : k + AT_ONCE] for k in range(0, len(options), AT_ONCE))
 
     def _settled(self, model: Model, slopes: Array, errors: Array) -> Iterator[tuple[Array, Array]]:
-        """For other errors (L, S, M) than a model's, the step of θ (C) by which all that is free in it goes where it is
-        best, if a line tells, and the errors (S, M) there."""
+        """For other errors (L, S, M) than a model's, the linear optimum's step of θ (C) and its errors (S, M)."""
         free = self._free(model.atoms)[0]
         H, g = self._normal(model, slopes, errors)
         for one, step in zip(errors, np.linalg.solve(H, g.T).T, strict=True):
@@ -296,7 +337,7 @@ class Lasting:
             yield whole, one + np.tensordot(step, slopes, 1)
 
     def _fits(self, model: Model, k: int) -> bool:
-        """Whether atom k says something beside those of a model."""
+        """Whether a model can take atom k beside its own."""
         new = self.words.atoms[k].name not in self.words.names(model.atoms)
         return new and self.words.fits(self.shooting.arm, k, model.atoms)
 
@@ -323,7 +364,7 @@ class Lasting:
         return [one for one in self._further(less) if self.words.names(one.atoms) != names]
 
     def _elsewhere(self, model: Model) -> float:
-        """Σ W log e² of a fitted model over parts of the log, each as the others tell it."""
+        """Cross-validated Σ W log e² of a fitted model over parts of the log."""
         told = 0.0
         for windows in np.array_split(np.unique(self.window), FOLDS):
             part = np.isin(self.window, windows)

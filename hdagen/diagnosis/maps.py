@@ -12,18 +12,29 @@ from hdagen.pages.curves import Panel, Series, panels
 from hdagen.pages.heat import heat
 from hdagen.plant import Array
 
-SPEEDS, LOADS = 18, 10  # cells of the map
-FEWEST = 5  # samples of a cell
-ANGLES = 72  # of a motor turn
-ORDERS = 24  # a motor turn
+SPEEDS, LOADS = 18, 10  # cells of the map of speed and load
+FEWEST = 5  # samples that a cell or bin must have to be drawn
+ANGLES = 72  # bins of a motor turn
+ORDERS = 24  # largest order that is drawn, cycles a motor turn
 ABOUT = 0.15  # s before and after a reversal
-STEPS = 60  # of time in the log
+STEPS = 60  # bins of time over the log
 COLORS = {"before": "orange", "after": "blue"}
-CHANCE = 0.05  # that noise alone exceeds the line of coherence
+CHANCE = 0.05  # probability that noise alone exceeds the line of coherence
 
 
 def maps(sight: Sight, joint: int, place: str, entry: str) -> list[str]:
-    """All maps of one joint, of the quantity that shows ``place`` best."""
+    """Draw all maps of the residual of one joint.
+
+    Args:
+        sight: the residual torque of the held-out log, before and after the verdict.
+        joint: its number, from 1.
+        place: of the effect; it decides which quantity is drawn.
+        entry: the effect of the verdict, effect@joint, or "".
+
+    Returns:
+        Figures in HTML.
+
+    """
     seen = trace(sight, place, joint, entry)
     found = _speed_load(sight, joint, seen)
     found += [_angle(sight, joint, seen), *_orders(sight, joint, seen)]
@@ -32,40 +43,42 @@ def maps(sight: Sight, joint: int, place: str, entry: str) -> list[str]:
 
 
 def _value(seen: Trace) -> str:
-    """Name of what is drawn."""
+    """Name of the quantity that is drawn."""
     return {"A": "current error", "N m": "missing torque", "rad": "missing angle"}[seen.unit]
 
 
 def _series(label: str, y: Array, band: tuple[Array, Array] | None = None) -> Series:
     """A curve before or after the verdict, in its colour."""
-    return Series(label, y, COLORS[label], "dashed" if label == "before" else "solid", band_of=band)
+    dash = {"before": "dashed", "after": "solid"}[label]
+    return Series(label, y, COLORS[label], dash, band_of=band)
 
 
 def _speed_load(sight: Sight, joint: int, seen: Trace) -> list[str]:
+    """Rms in cells of speed and load, a map before and one after."""
     speed = sight.column("motor_velocity", joint)[seen.at]
     load = sight.link_torque(sight.after)[seen.at, joint - 1]
     if np.ptp(speed) == 0 or np.ptp(load) == 0:
         return []
     x, y = (np.linspace(v.min(), v.max(), n + 1) for v, n in ((speed, SPEEDS), (load, LOADS)))
     count, *_ = np.histogram2d(load, speed, (y, x))
-    cells = []
-    for values in (seen.before, seen.after):
+    drawn = []
+    captions = {"before": "", "after": "Mind the scale: each map has its own."}
+    for when, values in (("before", seen.before), ("after", seen.after)):
         squares, *_ = np.histogram2d(load, speed, (y, x), weights=values**2)
         with np.errstate(invalid="ignore", divide="ignore"):
-            cells.append(np.where(count >= FEWEST, np.sqrt(squares / count), np.nan))
-    return [
-        heat(
+            cells = np.where(count >= FEWEST, np.sqrt(squares / count), np.nan)
+        figure = heat(
             f"{_value(seen).capitalize()} of joint {joint} over speed and load, {when} the verdict",
             x,
             y,
-            cell,
+            cells,
             x_label="motor speed (rad/s)",
             y_label="load on the transmission (N m)",
             value_label=f"{_value(seen)}, rms ({seen.unit})",
-            caption="Mind the scale: each map has its own." if when == "after" else "",
+            caption=captions[when],
         )
-        for when, cell in zip(("before", "after"), cells, strict=True)
-    ]
+        drawn.append(figure)
+    return drawn
 
 
 def _angle(sight: Sight, joint: int, seen: Trace) -> str:
@@ -91,8 +104,10 @@ def _angle(sight: Sight, joint: int, seen: Trace) -> str:
 
 
 def _orders(sight: Sight, joint: int, seen: Trace) -> list[str]:
-    """Amplitudes of what goes with multiples of the motor's angle, a constant and all orders that the motion tells
-    apart fitted at once; nothing below one turn."""
+    """Amplitudes of the orders of the motor's angle, fitted at once with a constant.
+
+    Only orders that the motion resolves are fitted; a motion below one turn has no figure.
+    """
     angle = sight.column("motor_position", joint)[seen.at]
     k = np.array(resolved_orders(angle, range(1, ORDERS + 1)), int)
     if not len(k):
@@ -119,7 +134,7 @@ def _frequency(sight: Sight, joint: int, seen: Trace) -> str:
     both = list(zip(("before", "after"), full, strict=True))
     density = [_series(label, s.density[drawn]) for label, s in both]
     shown, caption = [Panel(f"density ({seen.unit}/√Hz)", density, log=True)], ""
-    if inputs.free >= 1.0:  # of fewer segments any two series have much of it
+    if inputs.free >= 1.0:  # with fewer segments any two series have a high coherence
         level = 1 - CHANCE ** (1 / inputs.free)
         coherence = [_series(label, s.coherence(inputs)[drawn]) for label, s in both]
         line = [(level, f"noise alone, {100 * (1 - CHANCE):.0f} %")]

@@ -1,4 +1,4 @@
-"""Measured against model in a report: the signals and their differences before and after, joint by joint."""
+"""The report's section of measured and modelled signals, and of their differences, joint by joint."""
 
 from __future__ import annotations
 
@@ -12,13 +12,25 @@ UNITS = {"motor_position": "rad", "joint_position": "rad", "motor_current": "A",
 
 
 def motion(held: Portion, before: Replay, after: Replay) -> Section:
-    """What was measured beside what the model reads, and measured less model, zoomable; all cursors move together."""
+    """Show measured and modelled signals, and measured less model; the figures zoom together.
+
+    Args:
+        held: the log, and its held-out rows (T,).
+        before: the replay of the robot file's model.
+        after: the replay with the verdict.
+
+    Returns:
+        The section of the report.
+
+    """
     log = held.log
-    blocks = [] if held.rows.all() else [(a, b, "") for a, b in held.spans]
-    shaded = "" if held.rows.all() else "Shaded: held out, all that the gap counts; the fit saw the rest."
+    blocks, shaded = list[tuple[float, float, str]](), ""
+    if not held.rows.all():
+        blocks = [(a, b, "") for a, b in held.spans]
+        shaded = "Shaded: held out, all that the gap counts; the fit saw the rest."
     figures = []
     for j in range(1, log.n_joints + 1):
-        names = [name for name in (f"{quantity}_{j}" for quantity in UNITS) if name in before.errors]
+        names = [f"{quantity}_{j}" for quantity in UNITS if f"{quantity}_{j}" in before.errors]
         for title, what, drawn in (("measured and model", "", _signals), ("measured less model", " error", _errors)):
             shown = [Panel(_label(name, what), drawn(log, name, before, after)) for name in names]
             figures.append(panels(f"Joint {j}: {title}", log.time, shown, bands=blocks, link="motion", caption=shaded))
@@ -31,11 +43,13 @@ def motion(held: Portion, before: Replay, after: Replay) -> Section:
 
 
 def _label(name: str, what: str) -> str:
+    """Label of an axis: the channel's quantity with its unit."""
     quantity = name.rpartition("_")[0]
     return f"{quantity.replace('_', ' ')}{what} ({UNITS[quantity]})"
 
 
 def _signals(log: Log, name: str, before: Replay, after: Replay) -> list[Series]:
+    """The measured channel, and that of both models."""
     return [
         Series("measured", log[name], color="grey", dash="solid", width=3.6),
         Series("model before", before.columns[name], color="orange", dash="dashed"),
@@ -44,6 +58,7 @@ def _signals(log: Log, name: str, before: Replay, after: Replay) -> list[Series]
 
 
 def _errors(log: Log, name: str, before: Replay, after: Replay) -> list[Series]:
+    """The measured channel less that of each model."""
     return [
         Series("before", log[name] - before.columns[name], color="orange", dash="solid"),
         Series("after", log[name] - after.columns[name], color="blue", dash="solid"),

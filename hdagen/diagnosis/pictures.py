@@ -1,7 +1,7 @@
-"""The effect's own picture: what the log shows of it, as points, and the fitted curve through them.
+"""Pictures of an effect: the log's residual without it as points, and the fitted effect as a curve through them.
 
-The points are what is missing once the effect is taken out of the model after the verdict: what the log has beyond base
-parameters and everything else. The curve is what the effect adds in the model, along the same motion.
+The residual is that of the model after the verdict with the effect taken out: the part of the log beyond the base
+parameters and all other effects. The curve is the part that the effect adds in the model, along the same motion.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from hdagen.diagnosis.whereabouts import Trace, regressors, since_reversal, trac
 from hdagen.pages.curves import Curve, Panel, Plane, Series, panels, planes
 from hdagen.plant import Array
 
-POINTS = 2500  # of the log in a plane
-BINS = 60  # of a curve
-FEWEST = 5  # points of a bin
-GROWTH = 2.5  # power by which bins grow from standstill on
-SETTLED = 20  # rows of a log in which what was commanded before it may still act
+POINTS = 2500  # of the log that are drawn in one plane
+BINS = 60  # of the abscissa, for a curve of means
+FEWEST = 5  # points that a bin must have to be drawn
+GROWTH = 2.5  # exponent of the bins' edges, so that bins are narrow near standstill
+SETTLED = 20  # rows of a log in which commands from before it may still act
 SCENE = 0.25  # s, of a stretch of commands and currents
 UNKNOWN = 3  # regressors that are drawn where no effect is named
-LOOPS = 10.0  # s, of torque over torsion: more of them hide each other
-FASTEST = 0.1  # of the sampling rate, up to which an answer is drawn
+LOOPS = 10.0  # s, of torque over torsion: more loops hide each other
+FASTEST = 0.1  # of the sampling rate, up to which a response is drawn
 TURN = 2 * np.pi
 
 BY_SPEED = ("coulomb_friction", "viscous_friction", "stribeck_friction", "asymmetric_friction", "quadratic_friction")
@@ -46,7 +46,7 @@ BY_TORSION = (
 
 @dataclass(frozen=True)
 class Abscissa:
-    """What a quantity is drawn over: label with unit, and values (K,) at the instants of a sight."""
+    """The abscissa of a plot: label with unit, and values (K,) at the instants of a residual."""
 
     label: str
     of: Callable[[Sight, int], Array]
@@ -69,14 +69,14 @@ def _turn(sight: Sight, j: int) -> Array:
 
 
 def _since(sight: Sight, joint: int) -> Array:
-    """How far the motor has gone since it last turned (K,), rad."""
+    """The motor's travel since its last reversal (K,), rad."""
     angle, since = sight.column("motor_position", joint), since_reversal(sight, joint)
     turned = np.searchsorted(sight.time, sight.time - since - 0.5 * sight.grid.period)
     return np.asarray(np.abs(angle - angle[np.clip(turned, 0, len(angle) - 1)]))
 
 
 INPUT = Abscissa("motor input ({input})", lambda sight, j: sight.inputs(sight.after)[:, j - 1])
-OVER = {  # of missing torque or angle, by effect
+OVER = {  # the abscissa of missing torque or angle, by effect
     "torque_ripple": Abscissa("motor angle within a turn (rad)", _turn),
     "kinematic_error": Abscissa("motor angle within a turn (rad)", _turn),
     "torque_constant": INPUT,
@@ -88,19 +88,31 @@ OVER = {  # of missing torque or angle, by effect
     "torque_sensor_gain": Abscissa("load (N m)", _load),
     "sensor_delay": Abscissa("joint speed (rad/s)", _state("joint_velocity")),
 }
-ALONG = {  # of friction as what opposes the motion, by effect
+ALONG = {  # the abscissa of friction against the motion, by effect
     "load_dependent_friction": Abscissa("load (N m)", _load),
     "position_dependent_friction": Abscissa("joint angle (rad)", _state("joint_position")),
     "thermal_friction": Abscissa("time (s)", lambda sight, j: sight.time - sight.time[0]),
 }
 FILE = "the robot file's"
-REACH = 2.0  # rad of the motor after a reversal that are drawn
+REACH = 2.0  # rad, travel of the motor after a reversal that is drawn
 
 
 def pictures(sight: Sight, entry: str, place: str) -> list[str]:
-    """The figures of ``entry`` (name@joint) of a verdict, or of what is missing where it is unknown."""
+    """Draw the figures of an effect, or of the residual where it is unknown.
+
+    Args:
+        sight: the residual of the held-out log, before and after the verdict.
+        entry: the effect, name@joint; joint 0 is the whole arm.
+        place: of the effect; it decides which residual is drawn.
+
+    Returns:
+        Figures in HTML.
+
+    """
     effect, _, number = entry.partition("@")
-    joints = [int(number)] if int(number) else list(range(1, sight.n + 1))
+    joints = list(range(1, sight.n + 1))
+    if int(number):
+        joints = [int(number)]
     if effect in ("unknown", "none"):
         return [_unknown(sight, place, joint) for joint in joints]
     if effect in BY_INPUT:
@@ -109,18 +121,22 @@ def pictures(sight: Sight, entry: str, place: str) -> list[str]:
         return [_friction(sight, entry, joint) for joint in joints]
     if effect in ALONG:
         return [_against(sight, entry, joint) for joint in joints]
+    if effect in BY_TORSION and sight.split:
+        return [_loop(sight, entry, joint) for joint in joints]
     if effect in BY_TORSION:
-        return [(_loop if sight.split else _answer)(sight, entry, joint) for joint in joints]
+        return [_answer(sight, entry, joint) for joint in joints]
     over = OVER.get(effect, Abscissa("joint angle (rad)", _state("joint_position")))
     return [_plain(sight, entry, place, over, joints)]
 
 
 def _plain(sight: Sight, entry: str, place: str, over: Abscissa, joints: Sequence[int]) -> str:
-    """Missing torque or angle over one thing, a plane for each joint."""
+    """Missing torque or angle over one abscissa, a plane for each joint."""
     shown, label, points, added = [], "", list[Array](), list[Array]()
     for joint in joints:
         seen = trace(sight, place, joint, entry)
-        clear = sight.slides(joint)[seen.at] if seen.words.endswith(f"motor {joint}") else np.ones(len(seen.adds), bool)
+        clear = np.ones(len(seen.adds), bool)
+        if seen.words.endswith(f"motor {joint}"):
+            clear = sight.slides(joint)[seen.at]
         x, adds, left = over.of(sight, joint)[seen.at][clear], seen.adds[clear], seen.after[clear]
         label = f"{_noun(seen)} ({seen.unit})"
         shown.append(Plane(_points_and_fit(x, left + adds, adds), f"joint {joint}"))
@@ -152,8 +168,17 @@ def _points_and_fit(x: Array, y: Array, fit: Array, split: bool = False) -> list
 
 
 def means(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
-    """Mean x and y in bins of x of equal width, NaN where there are few points; ``split``: bins grow from x = 0 to both
-    sides, with a gap there."""
+    """Average points in bins of equal width.
+
+    Args:
+        x: abscissae (K,).
+        y: ordinates (K,).
+        split: bins grow from x = 0 to both sides, with a gap there.
+
+    Returns:
+        Mean x and mean y of each bin, y being NaN where a bin has few points.
+
+    """
     if not len(x):
         return x, y
     low, high = float(x.min()), float(x.max())
@@ -177,7 +202,7 @@ def means(x: Array, y: Array, split: bool = False) -> tuple[Array, Array]:
 
 
 def _friction(sight: Sight, entry: str, joint: int) -> str:
-    """All friction of a motor over speed, or over the way since a reversal."""
+    """All friction of a motor over speed, or over the travel since a reversal."""
     effect, j, ok = entry.partition("@")[0], joint - 1, sight.kept & sight.slides(joint)
     bare, by_speed = sight.without(entry), effect in BY_SPEED
     names = list(sight.arm.parameters.described)
@@ -187,9 +212,11 @@ def _friction(sight: Sight, entry: str, joint: int) -> str:
     left = -sight.missing(sight.after).motor[ok, j]
     robot = fit + sight.added(sight.after, _as_in_the_file(sight, bare, joint)).motor[ok, j]
     if by_speed:
-        x, label, side = sight.column("motor_velocity", joint)[ok], "motor speed (rad/s)", np.ones(len(fit))
+        label, y_label = "motor speed (rad/s)", "friction torque (N m)"
+        x, side = sight.column("motor_velocity", joint)[ok], np.ones(len(fit))
     else:
-        x, label, side = _since(sight, joint)[ok], "motor angle since the last reversal (rad)", sight.direction[ok, j]
+        label, y_label = "motor angle since the last reversal (rad)", "friction against the motion (N m)"
+        x, side = _since(sight, joint)[ok], sight.direction[ok, j]
         near = x <= REACH
         x, side, fit, left, robot = x[near], side[near], fit[near], left[near], robot[near]
     curves = _points_and_fit(x, (fit + left) * side, fit * side, by_speed)
@@ -198,7 +225,7 @@ def _friction(sight: Sight, entry: str, joint: int) -> str:
         _title(entry),
         [Plane(curves, f"motor {joint}")],
         x_label=label,
-        y_label=f"{'friction torque' if by_speed else 'friction against the motion'} (N m)",
+        y_label=y_label,
         equal=False,
         caption="Points: torque that the log needs beyond inertia and load; standstill and the instants of reversal "
         "are left out. Curves: mean of the points in narrow bins, friction as the robot file has it, and with the "
@@ -207,7 +234,7 @@ def _friction(sight: Sight, entry: str, joint: int) -> str:
 
 
 def _against(sight: Sight, entry: str, joint: int) -> str:
-    """Friction beyond Coulomb's and the viscous one, over what the effect depends on."""
+    """Friction beyond Coulomb's and the viscous one, over the quantity that the effect depends on."""
     over, j, ok = ALONG[entry.partition("@")[0]], joint - 1, sight.kept & sight.slides(joint)
     side = sight.direction[ok, j]
     fit = -sight.added(sight.after, sight.without(entry)).motor[ok, j] * side
@@ -233,14 +260,16 @@ def _as_in_the_file(sight: Sight, bare: Array, joint: int) -> Array:
 
 
 def _loop(sight: Sight, entry: str, joint: int) -> str:
-    """Torque over torsion where that goes furthest: what the links ask of the transmission, and the model's before and
-    after."""
+    """Torque over torsion where that goes furthest: the torque that the links require, and the models' torques."""
     j, ok = joint - 1, np.flatnonzero(sight.kept)
     torsion = sight.smooth(
         (sight.column("motor_position", joint) / sight.ratio[j] - sight.column("joint_position", joint))[:, None]
     )[:, 0]
     parts = np.array_split(ok, max(1, round(np.ptp(sight.time[ok]) / LOOPS)))
     ok = max(parts, key=lambda part: np.ptp(torsion[part]))
+    stretch = ""
+    if len(parts) > 1:
+        stretch = f", where that goes furthest in {LOOPS:g} s"
     torsion, needed = torsion[ok], sight.link_torque(sight.after)[ok, j]
     curves = [Curve("log", torsion, needed, color="grey", dash="solid", width=5.0)]
     lacks = list[Array]()
@@ -259,31 +288,26 @@ def _loop(sight: Sight, entry: str, joint: int) -> str:
         y_label="transmitted torque (N m)",
         equal=False,
         caption="Log: torque that the links' motion asks for, over motor angle divided by ratio less joint angle"
-        f"{f', where that goes furthest in {LOOPS:g} s' if len(parts) > 1 else ''}. The model's torque is that of its "
-        f"springs and effects at the measured states. {agreement(lacks[0], lacks[0] - lacks[1]).words(FILE)}",
+        f"{stretch}. The model's torque is that of its springs and effects at the measured states. "
+        f"{agreement(lacks[0], lacks[0] - lacks[1]).words(FILE)}",
     )
 
 
 def _answer(sight: Sight, entry: str, joint: int) -> str:
-    """Of a torsion that one encoder does not see: what of the joint's motion the replays miss, over frequency."""
+    """The spectrum of the replay error, where a joint has one encoder and its torsion is not measured."""
     log, period = sight.log, sight.grid.period
     name = next(n for side in ("motor", "joint") if (n := f"{side}_position_{joint}") in log)
     errors = [sight.on_grid(log[name] - replay.columns[name]) for replay in sight.replays]
     found = [Spectra.of(error, period) for error in errors]
     shown = (found[0].frequency > 0) & (found[0].frequency <= FASTEST / period)
+    drawn = [
+        Series("robot file", found[0].density[shown], color="green", dash="dashed"),
+        Series("model with the effect", found[1].density[shown], color="vermilion", dash="solid"),
+    ]
     return panels(
         f"{_title(entry)}: what the replays miss",
         found[0].frequency[shown],
-        [
-            Panel(
-                f"{name.replace('_', ' ')} (rad/√Hz)",
-                [
-                    Series("robot file", found[0].density[shown], color="green", dash="dashed"),
-                    Series("model with the effect", found[1].density[shown], color="vermilion", dash="solid"),
-                ],
-                log=True,
-            )
-        ],
+        [Panel(f"{name.replace('_', ' ')} (rad/√Hz)", drawn, log=True)],
         x_label="frequency (Hz)",
         caption="Density of measured less replayed position. With one encoder no torsion is measured: what shows of it "
         "is how the joint answers the motor.",
@@ -291,84 +315,73 @@ def _answer(sight: Sight, entry: str, joint: int) -> str:
 
 
 def _input(sight: Sight, entry: str, joint: int) -> list[str]:
-    """Command against current or torque: a stretch of time where commands change fastest, and one over the other."""
+    """Current or torque over time, where the effect changes most, and over its command."""
     if not sight.driven(joint):
-        return [
-            _plain(sight, entry, "motor", Abscissa("motor input", lambda s, j: s.inputs(s.after)[:, j - 1]), [joint])
-        ]
+        return [_plain(sight, entry, "motor", Abscissa("motor input", INPUT.of), [joint])]
     shown = [sight.commanded(p)[1][:, joint - 1] for p in (sight.before, sight.after)]
-    name, log, word, unit = (
-        sight.arm.input_names[joint - 1],
-        sight.log,
-        sight.input_word(joint),
-        sight.input_unit(joint),
-    )
+    name, log = sight.arm.input_names[joint - 1], sight.log
+    word, unit = sight.input_word(joint), sight.input_unit(joint)
     command, measured = log[commanded(name)], log[name]
     rows = max(round(SCENE / log.period), 20)
     change = np.convolve(np.abs(shown[1] - shown[0])[SETTLED:], np.ones(rows), "valid")
     span = slice(SETTLED + int(np.argmax(change)), SETTLED + int(np.argmax(change)) + rows)
+    drawn = [
+        Series("command", command[span], color="ink", draw="step", dash="dotted"),
+        Series("measured", measured[span], color="grey", dash="solid"),
+        Series("robot file", shown[0][span], color="green", dash="dashed"),
+        Series("model with the effect", shown[1][span], color="vermilion", dash="solid", width=2.4),
+    ]
     scene = panels(
         f"{_title(entry)}: command and {word}",
         log.time[span],
-        [
-            Panel(
-                f"{word} ({unit})",
-                [
-                    Series("command", command[span], color="ink", draw="step", dash="dotted"),
-                    Series("measured", measured[span], color="grey", dash="solid"),
-                    Series("robot file", shown[0][span], color="green", dash="dashed"),
-                    Series("model with the effect", shown[1][span], color="vermilion", dash="solid", width=2.4),
-                ],
-                f"motor {joint}",
-                height=1.8,
-            )
-        ],
+        [Panel(f"{word} ({unit})", drawn, f"motor {joint}", height=1.8)],
         caption=f"The {SCENE:g} s in which the effect changes most.",
     )
-    late = entry.startswith(("command_delay", "current_loop_lag"))
-    x = np.gradient(command, log.time) if late else command
-    before, after = shown[0] if late else np.zeros(len(x)), shown[1]
+    x, before, after = command, np.zeros(len(command)), shown[1]
+    x_label, y_label, hint = f"command ({unit})", f"{word} ({unit})", ""
+    if entry.startswith(("command_delay", "current_loop_lag")):
+        x, before = np.gradient(command, log.time), shown[0]
+        x_label, y_label = f"rate of the command ({unit}/s)", f"measured less undelayed {word} ({unit})"
+        hint = "The slope is the delay, s, with its sign reversed. "
     curves = _points_and_fit(x[SETTLED:], (measured - before)[SETTLED:], (after - before)[SETTLED:])
     alike = agreement((measured - shown[0])[SETTLED:], (shown[1] - shown[0])[SETTLED:])
-    return [
-        scene,
-        planes(
-            f"{_title(entry)}: {word} over command",
-            [Plane(curves, f"motor {joint}")],
-            x_label=f"rate of the command ({unit}/s)" if late else f"command ({unit})",
-            y_label=f"measured less undelayed {word} ({unit})" if late else f"{word} ({unit})",
-            equal=False,
-            caption=f"{'The slope is the delay, s, with its sign reversed. ' if late else ''}{alike.words(FILE)}",
-        ),
-    ]
+    over = planes(
+        f"{_title(entry)}: {word} over command",
+        [Plane(curves, f"motor {joint}")],
+        x_label=x_label,
+        y_label=y_label,
+        equal=False,
+        caption=f"{hint}{alike.words(FILE)}",
+    )
+    return [scene, over]
 
 
 def _unknown(sight: Sight, place: str, joint: int) -> str:
-    """What no effect explains, over the three things that it goes with most."""
+    """The residual that no effect explains, over the three regressors that explain most of it."""
     seen = trace(sight, place, joint, "")
     best = explained(seen.after, regressors(sight, joint, seen.at))[:UNKNOWN]
     few = np.unique(np.linspace(0, len(seen.after) - 1, min(len(seen.after), POINTS)).round().astype(int))
-    figures = [
-        planes(
-            f"What is missing at joint {joint}, over {e.regressor.name}",
-            [
-                Plane(
-                    [
-                        Curve("log", e.regressor.values[few], seen.after[few], draw="points", color="grey", width=1.6),
-                        Curve("mean", *means(e.regressor.values, seen.after), color="blue", dash="solid"),
-                    ]
-                )
-            ],
-            x_label=f"{e.regressor.name.removeprefix('the ')} ({e.regressor.unit})",
+    figures = ""
+    for one in best:
+        x, name, unit = one.regressor.values, one.regressor.name, one.regressor.unit
+        curves = [
+            Curve("log", x[few], seen.after[few], draw="points", color="grey", width=1.6),
+            Curve("mean", *means(x, seen.after), color="blue", dash="solid"),
+        ]
+        figures += planes(
+            f"What is missing at joint {joint}, over {name}",
+            [Plane(curves)],
+            x_label=f"{name.removeprefix('the ')} ({unit})",
             y_label=f"{_noun(seen)} ({seen.unit})",
             equal=False,
-            caption=f"Its bins explain {100 * e.share:.0f} % of the variance (p = {e.p:.2g} by circular shifts).",
+            caption=f"Its bins explain {100 * one.share:.0f} % of the variance (p = {one.p:.2g} by circular shifts).",
         )
-        for e in best
-    ]
-    return "".join(figures)
+    return figures
 
 
 def _title(entry: str) -> str:
     effect, _, joint = entry.partition("@")
-    return f"{effect.replace('_', ' ').capitalize()}{f' of joint {joint}' if joint != '0' else ''}"
+    title = effect.replace("_", " ").capitalize()
+    if joint == "0":
+        return title
+    return f"{title} of joint {joint}"

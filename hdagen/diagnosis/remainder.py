@@ -1,8 +1,8 @@
-"""What remains: how much of what each joint errs by no known effect explains.
+"""Remainders: the share of each joint's error that no known effect explains.
 
-It is said beside what is named, as `unknown@joint`, and replaces none of it: a friction that closes nine tenths of a
-gap is there, whatever the last tenth is. Where no effect is named, and nothing that was fitted closes a share of the
-gap worth speaking of, the model is as good as it gets on this motion.
+The verdict names a remainder beside its effects, as `unknown@joint`. It replaces none of them: a friction that closes
+nine tenths of a gap is present, whatever the last tenth is. Where no effect is named, and no fit closes a notable share
+of the gap, the model is as good as it gets on this motion.
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ FEW = 2.0 * ABOVE  # multiples of the noise, up to which that is as good as a mo
 
 
 def measure_remainders(channels: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:
-    """`remains` of diagnosis.json.
+    """Measure the remainder of each joint, as `remains` of diagnosis.json.
 
     Args:
         channels: `by_channel` of its gap.
 
     Returns:
-        For each joint that has a channel ``joint``, ``share`` of what it erred by before that is left, the smallest of
-        its channels', as one that is explained shows that the joint is, and ``noise``: what is left there, in multiples
-        of that channel's noise.
+        For each ``joint`` with a channel the ``share`` of its error before that is left, and that error in multiples of
+        the ``noise``. Of several channels the best explained one counts, as it shows that the joint is explained.
 
     """
     found: dict[int, dict[str, Any]] = {}
@@ -40,14 +39,14 @@ def measure_remainders(channels: Mapping[str, Mapping[str, float]]) -> list[dict
 
 
 def name_remainders(verdict: Sequence[str], remains: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A verdict with what remains.
+    """Add the remainders to a verdict.
 
     Args:
-        verdict: as diagnosis.json has it, without what remains.
+        verdict: as diagnosis.json has it, without remainders.
         remains: as `measure_remainders` has it.
 
     Returns:
-        The verdict, and after its effects `unknown@joint` for each joint of which much remains.
+        The verdict, and after its effects `unknown@joint` for each joint with a large remainder.
 
     """
     if not verdict or any(name.startswith("unknown@") for name in verdict):
@@ -57,7 +56,7 @@ def name_remainders(verdict: Sequence[str], remains: Sequence[Mapping[str, Any]]
 
 
 def is_as_good_as_it_gets(gap: Mapping[str, Any]) -> bool:
-    """Whether nothing that was fitted closes more of a gap than is worth speaking of.
+    """Say whether no fit closes a notable share of the gap.
 
     Args:
         gap: as diagnosis.json has it.

@@ -1,10 +1,10 @@
-"""The report: verdict and gap first, then how sure, where, the effect's own picture, measured against model,
-parameters, what is left, the data, and how to reproduce."""
+"""The report: verdict and gap, the hypotheses, places and pictures of the effects, measured against model,
+parameters, residuals, the data, and how to reproduce it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +26,23 @@ from hdagen.pages.table import table
 from hdagen.replay import WINDOW, Replay
 from hdagen.verdict import silent
 
-SHOWN = 8  # candidates in the figures
+SHOWN = 8  # hypotheses in the figure of probabilities
 RARE = 1e-3  # probability below which a hypothesis is not listed
-NEVER = 1e-4  # below which its size says nothing
+NEVER = 1e-4  # probability below which its value is not printed
 LITTLE = f"less than {NEVER:g}"
-MUCH = 0.5  # posterior by prior width, up to which the data said much
-LAG = 0.25  # s, of the correlations of what is left
+MUCH = 0.5  # posterior by prior width, up to which the data determine a parameter well
+LAG = 0.25  # s, of the correlations of the residuals
 
 
 def write(diagnosis: Diagnosis, path: Path, again: str) -> None:
-    """report.html; ``again``: how it is made again."""
+    """Write report.html.
+
+    Args:
+        diagnosis: to be reported.
+        path: of the page.
+        again: the command that makes it again.
+
+    """
     content, held, sight = diagnosis.content, diagnosis.held_out, diagnosis.sight
     page.write(
         path,
@@ -56,7 +63,8 @@ def write(diagnosis: Diagnosis, path: Path, again: str) -> None:
 
 
 def _candidates(content: dict[str, Any]) -> Section:
-    rows = [[" and ".join(words(e) for e in h["effects"]) or "none", h["probability"]] for h in content["hypotheses"]]
+    """The hypotheses: on held-out motion, by probability, and the effects that the log shows or would not show."""
+    rows = [[_name_effects(h["effects"]) or "none", h["probability"]] for h in content["hypotheses"]]
     named = min(max(sum(float(r[1]) >= RARE for r in rows), 3), 2 * SHOWN)
     shown = rows[: min(named, SHOWN)]
     figures = [
@@ -74,25 +82,44 @@ def _candidates(content: dict[str, Any]) -> Section:
         f"{100 * PRESENT:g} % of its usual size counts as none.{_lasting(content)}\n\n{confounded(content)}"
     )
     if unseen := content["unseen"]:
-        this = "Beside what is unknown this" if _unknown(content) else "This"
+        this = "This"
+        if _unknown(content):
+            this = "Beside what is unknown this"
         text += (
             f"\n\n{this} log would not show, even in their usual size: {', '.join(words(o) for o in unseen)}. "
             "hdagen excite designs a motion that does, of those that show in the encoders and the current at all."
         )
-    others = sum(float(r[1]) for r in rows[named:])
-    together = f"{others:.2g}" if others >= NEVER else LITTLE
-    rest = f"The other {len(rows) - named} hold {together} together." if len(rows) > named else ""
-    listed = [[name, p if float(p) >= NEVER else LITTLE] for name, p in rows[:named]]
-    figures.append(table("Hypotheses", ["hypothesis", "probability"], listed, caption=rest))
-    return Section("How sure", text, [*figures, *_alone(content)])
+    return Section("How sure", text, [*figures, _show_hypotheses(rows, named), *_alone(content)])
+
+
+def _show_hypotheses(rows: list[list[Any]], named: int) -> str:
+    """A table of the first ``named`` hypotheses, each with its probability."""
+    caption = ""
+    if len(rows) > named:
+        others = sum(float(r[1]) for r in rows[named:])
+        together = LITTLE
+        if others >= NEVER:
+            together = f"{others:.2g}"
+        caption = f"The other {len(rows) - named} hold {together} together."
+    listed = [list(row) for row in rows[:named]]
+    for row in listed:
+        if float(row[1]) < NEVER:
+            row[1] = LITTLE
+    return table("Hypotheses", ["hypothesis", "probability"], listed, caption=caption)
+
+
+def _name_effects(entries: Sequence[str]) -> str:
+    """Several effects in a row."""
+    return " and ".join(words(entry) for entry in entries)
 
 
 def _unknown(content: dict[str, Any]) -> bool:
+    """Whether the verdict names something unknown."""
     return any(name.startswith("unknown@") for name in content["verdict"])
 
 
 def _lasting(content: dict[str, Any]) -> str:
-    """That long windows told the verdict, where they did."""
+    """A remark where the verdict comes from long windows."""
     if content["method"]["calibrated"]:
         return ""
     return (
@@ -102,7 +129,7 @@ def _lasting(content: dict[str, Any]) -> str:
 
 
 def _alone(content: dict[str, Any]) -> list[str]:
-    """What commands and encoders show by themselves; nothing where they do not."""
+    """A table of the effects that commands and encoders show by themselves; no table where there are none."""
     rows: list[list[str | float | None]] = []
     for one in content["alone"]:
         values = ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in one["parameters"].items())
@@ -121,7 +148,7 @@ def _alone(content: dict[str, Any]) -> list[str]:
 
 
 def _ladder(content: dict[str, Any]) -> str:
-    """What the leading hypotheses leave on held-out motion."""
+    """The gaps of the leading hypotheses on held-out motion."""
     gap, rungs = content["gap"], content["ladder"]
     return bars(
         "Candidates on held-out motion",
@@ -142,56 +169,80 @@ def _interval(entries: Iterable[dict[str, Any]]) -> tuple[list[float], list[floa
 
 
 def _rung(one: dict[str, Any]) -> str:
+    """Label of an entry of the ranking."""
     if one["model"] == "robot file":
         return "robot file"
-    named = " and ".join(words(e) for e in one["effects"]) or "base parameters alone"
-    return f"verdict: {named}" if one["model"] == "verdict" else named
+    named = _name_effects(one["effects"]) or "base parameters alone"
+    if one["model"] == "verdict":
+        return f"verdict: {named}"
+    return named
 
 
 def _where(sight: Sight, content: dict[str, Any]) -> list[Section]:
-    """Where the gap lies, and the picture of each effect that is named."""
+    """The place and regime of the gap, and the picture of each effect that is named."""
     entries, verdict = content["where"], content["verdict"]
-    main: dict[str, Any] = entries[0] if entries else {"joint": 1, "place": "motor"}
+    main: dict[str, Any] = {"joint": 1, "place": "motor"}
+    if entries:
+        main = entries[0]
     joint = max(main["joint"], 1)
-    figures = []
-    parts = [
-        (verdict[k] if k < len(verdict) else f"base parameters, {e['place']} {e['joint'] or ''}".strip(), e)
-        for k, e in enumerate(entries)
-        if e["share"] is not None
-    ]
-    known = [part for part in parts if not part[0].startswith("unknown@")]  # whose share is of what is left
-    if known:
-        figures.append(
-            bars(
-                "Share of the closed gap by joint and place",
-                [n if "@" not in n else f"{words(n)} ({e['place']})" for n, e in known],
-                [Bars("", [e["share"] for _, e in known], _interval(e for _, e in known))],
-                value_label="share (1)",
-                caption="What comes back when it is taken out of the model after the verdict, of all that comes back; "
-                "95 % by drawing seconds of held-out motion anew.",
-            )
-        )
-    figures += maps(sight, joint, main["place"], verdict[0] if verdict else "")
-    said = "\n\n".join(e["when"] for e in entries[: max(len(verdict), 1)] if e["when"])
+    figures = [*_show_shares(content), *maps(sight, joint, main["place"], next(iter(verdict), ""))]
     balance = (
         "Missing torque is what the measured motion needs beyond what the model gives in the measured states, through "
         "one filter for both; it needs no replay."
     )
-    sections = [Section("Where and when", f"{said}\n\n{balance}" if said else balance, figures)]
+    said = [e["when"] for e in entries[: max(len(verdict), 1)] if e["when"]]
+    located = Section("Where and when", "\n\n".join([*said, balance]), figures)
     drawn = []
     for k, entry in enumerate(verdict or [f"none@{joint}"]):
-        drawn += pictures(sight, entry, entries[k]["place"] if k < len(entries) else main["place"])
-    heading = "What is missing, by what it goes with" if not verdict or "unknown" in verdict[0] else "The effect itself"
-    return [Section(heading, "", drawn), *sections] if verdict else [*sections, Section(heading, "", drawn)]
+        place = main["place"]
+        if k < len(entries):
+            place = entries[k]["place"]
+        drawn += pictures(sight, entry, place)
+    if not verdict:
+        return [located, Section("What is missing, by what it goes with", "", drawn)]
+    heading = "The effect itself"
+    if "unknown" in verdict[0]:
+        heading = "What is missing, by what it goes with"
+    return [Section(heading, "", drawn), located]
+
+
+def _show_shares(content: dict[str, Any]) -> list[str]:
+    """The share of each named effect in the closed gap, and that of base parameters; no figure where none is known."""
+    verdict, named = content["verdict"], []
+    known: list[dict[str, Any]] = []
+    for k, entry in enumerate(content["where"]):
+        name = f"base parameters, {entry['place']} {entry['joint'] or ''}".strip()
+        if k < len(verdict):
+            name = verdict[k]
+        if entry["share"] is None or name.startswith("unknown@"):  # the share of the latter is of the remaining gap
+            continue
+        if "@" in name:
+            name = f"{words(name)} ({entry['place']})"
+        named.append(name)
+        known.append(entry)
+    if not known:
+        return []
+    return [
+        bars(
+            "Share of the closed gap by joint and place",
+            named,
+            [Bars("", [entry["share"] for entry in known], _interval(known))],
+            value_label="share (1)",
+            caption="What comes back when it is taken out of the model after the verdict, of all that comes back; "
+            "95 % by drawing seconds of held-out motion anew.",
+        )
+    ]
 
 
 def _parameters(sight: Sight, content: dict[str, Any]) -> Section:
-    """Prior and posterior of each, and whether the data said anything."""
+    """Prior and posterior of each parameter, and how much the data determine it."""
     rows: list[list[str | float | None]] = []
     for cause in content["causes"]:
         entry = f"{cause['effect']}@{cause['joint']}"
         if entry in content["verdict"]:
-            suffix = f"_{cause['joint']}" if cause["joint"] else ""
+            suffix = ""
+            if cause["joint"]:
+                suffix = f"_{cause['joint']}"
             rows += [_row(sight, k + suffix, v) for k, v in cause["parameters"].items()]
     count = len(rows)
     rows += [_row(sight, name, value) for name, value in content["parameters"].items()]
@@ -207,24 +258,36 @@ def _parameters(sight: Sight, content: dict[str, Any]) -> Section:
 
 
 def _row(sight: Sight, name: str, estimate: dict[str, Any]) -> list[str | float | None]:
+    """A row of the table of parameters."""
     q = sight.arm.parameters.described.get(name)
     std, unit = estimate.get("std"), estimate.get("unit", "")
     if q is None:
         return [name, None, None, estimate["value"], std, unit, None, "–"]
     prior = estimate.get("prior") or q.tolerance * abs(q.nominal) or (q.typical or None)
-    told = None
-    if std is None or not prior:
-        said = "no width" if std is None else "–"
+    ratio = None
+    if std is None:
+        said = "no width"
+    elif not prior:
+        said = "–"
     else:
-        told = std / prior
-        kept = silent(estimate["value"] - q.nominal, std, prior)
-        said = "much" if told < MUCH else "nothing" if kept else "a little"
-    end = "; at the end of its range" if estimate["end"] else ""
-    return [name, q.nominal, prior, estimate["value"], std, unit, told, f"{said}{end}"]
+        ratio = std / prior
+        said = _say_informed(ratio, silent(estimate["value"] - q.nominal, std, prior))
+    if estimate["end"]:
+        said += "; at the end of its range"
+    return [name, q.nominal, prior, estimate["value"], std, unit, ratio, said]
+
+
+def _say_informed(ratio: float, kept: bool) -> str:
+    """How much the data say of a parameter, by posterior over prior width; ``kept`` where it keeps its number."""
+    if ratio < MUCH:
+        return "much"
+    if kept:
+        return "nothing"
+    return "a little"
 
 
 def _control(content: dict[str, Any]) -> list[Section]:
-    """What the verdict changes for a controller."""
+    """The effect of the verdict on a controller; no section where it was not simulated."""
     control = content["control"]
     if control is None:
         return []
@@ -247,7 +310,7 @@ def _control(content: dict[str, Any]) -> list[Section]:
 
 
 def _left(held: Portion, before: Replay, after: Replay) -> Section:
-    """Whether what is left is noise."""
+    """The residuals' correlations, which show whether they are noise."""
     count, period = int(held.rows.sum()), held.log.period
     lags = max(LAGS, min(round(LAG / period), count // 3))
     if count <= 2 * lags:
@@ -285,7 +348,7 @@ def _left(held: Portion, before: Replay, after: Replay) -> Section:
 
 
 def _data(content: dict[str, Any]) -> Section:
-    """Rate, what was lost, repaired, missing; noise and step of every channel."""
+    """Rate, lost rows, repairs and missing channels of the log; noise and step of every channel."""
     data = content["data"]
     jitter = data.get("jitter", 0.0)
     beside = f"jitter {1e6 * jitter:.2g} µs, {100 * jitter * data['rate']:.2g} % of a period"

@@ -1,4 +1,4 @@
-"""Which experiment tells causes apart that look alike in a log: groups of effects, each with what separates them."""
+"""Experiments that separate effects which look alike in a log."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ class Group:
 
 
 def _group(effects: str, experiment: str) -> Group:
+    """A group of the ``effects`` that are listed with spaces."""
     return Group(frozenset(effects.split()), experiment)
 
 
-GROUPS = (  # the narrowest first: the first that holds both is taken
+GROUPS = (  # the narrowest first: of two effects the first group that has both is taken
     _group(
         "current_bias asymmetric_friction",
         "let the joint rest and creep in both directions with slowly rising current: a bias also shifts what holds it "
@@ -92,7 +93,7 @@ GROUPS = (  # the narrowest first: the first that holds both is taken
     ),
 )
 SAME_KIND = "move one joint while the others are held still, each in turn: what belongs to a joint stays with it."
-ALONE = {  # of each effect, what to do to see it, and how it shows then
+ALONE = {  # of each effect, the experiment that shows it, and how it shows then
     "asymmetric_friction": ("repeat one motion in both directions", "differs between them and is nothing at rest"),
     "backlash": ("let the load pass zero slowly, with both encoders", "jumps where the torque changes its sign"),
     "base_compliance": ("shake the tip with the motors held", "gives way beneath the first joint, unseen by encoders"),
@@ -151,8 +152,16 @@ ALONE = {  # of each effect, what to do to see it, and how it shows then
 
 
 def separate_by(name: str, confounded: Iterable[str]) -> str:
-    """The experiments that would tell ``name`` (effect@joint) from each of what it is ``confounded`` with, "" where
-    that is nothing; each experiment stands once."""
+    """Suggest the experiments that separate an effect from those it is confounded with.
+
+    Args:
+        name: the effect, effect@joint.
+        confounded: the other effects, effect@joint.
+
+    Returns:
+        Sentences in which each experiment stands once; "" where ``confounded`` is empty.
+
+    """
     effect, _, joint = name.partition("@")
     against: dict[str, list[str]] = {}
     others: list[str] = []
@@ -168,12 +177,13 @@ def separate_by(name: str, confounded: Iterable[str]) -> str:
 
 
 def _experiment(effect: str, joint: str, other: str, other_joint: str) -> str | None:
-    """What tells two that look alike; None where they only happen to."""
+    """The experiment that separates two effects which look alike; None where no group has both."""
     if effect == other and joint != other_joint:
         return SAME_KIND
     return next((g.experiment for g in GROUPS if {effect, other} <= g.effects), None)
 
 
 def _shown(effect: str) -> str:
+    """The experiment that shows an effect, with its reason."""
     does, shows = ALONE[effect]
     return f"{does} ({effect.replace('_', ' ')} {shows})"

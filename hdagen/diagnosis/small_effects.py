@@ -1,14 +1,14 @@
-"""Effects of a verdict that close little beside what no effect explains, and are not named for it.
+"""Small effects: effects of a fit that close little of the gap, and that the verdict does not name for it.
 
-Every machine has a little of everything, and a long log tells it, however little: a base that leans by a degree beside
-a friction that makes all of the gap. Who mends the model needs the friction. So an effect without which held-out motion
-is told about as well, the others being fitted without it, is listed as small. Down at the noise that is a few percent.
-Where many times the noise remains, nobody knows by what: there an effect is small whose own part of the error, in every
-channel, is smaller than what remains with it,
+Every machine has a little of every effect, and a long log shows it, however small: a base that tilts by a degree beside
+a friction that makes all of the gap. An engineer who corrects the model needs the friction. So an effect is listed as
+small if the others, fitted without it, predict held-out motion about as well. Down at the noise that is a few percent.
+Where many times the noise remains for an unknown reason, an effect is small if its own part of the error is smaller, in
+every channel, than the error that remains with it,
 
     e_without² − e_with² < e_with².
 
-What the log shows by itself, before any model is fitted, is never small.
+An effect with direct evidence is never small.
 """
 
 from __future__ import annotations
@@ -32,18 +32,19 @@ Fits = Mapping[tuple[str, ...], Fitted]
 def drop_small_effects(
     decision: Decision, fitted: Fits, measure: Callable[[Decision], Gap], kept: Collection[str] = ()
 ) -> tuple[Decision, list[dict[str, Any]]]:
-    """A decision without the effects that close little beside the others.
+    """Drop the effects of a verdict that close little of the gap beside the others.
+
+    Of several, the effect is dropped first without which the fit explains the log best.
 
     Args:
-        decision: what would be said.
+        decision: to be checked.
         fitted: the fits of a search, by their sets of effects.
-        measure: `gap` of diagnosis.json on held-out motion, of a decision.
+        measure: measures `gap` of diagnosis.json on held-out motion, of a decision.
         kept: effects, name@joint, that are never small.
 
     Returns:
-        The decision with the others alone, in their own fit and with the probability of both sets; and for each effect
-        that was dropped ``effect``, ``joint``, and the gap ``with`` it and ``without``. Of several the one is dropped
-        first without which the fit tells the log best.
+        The decision with the other effects, in their own fit and with the probability of both sets; and for each effect
+        that was dropped ``effect``, ``joint``, and the gap ``with`` it and ``without``, in multiples of the noise.
 
     """
     small: list[dict[str, Any]] = []
@@ -77,16 +78,16 @@ def _is_alike(with_it: float, without: float, least: float) -> bool:
 
 
 def without(decision: Decision, fitted: Fits, *names: str) -> Decision | None:
-    """A decision without some of its effects.
+    """Drop some effects from a verdict.
 
     Args:
-        decision: what would be said.
+        decision: with the verdict.
         fitted: the fits of a search, by their sets of effects.
-        names: of effects, name@joint, that are not to be said.
+        names: of the effects to drop, name@joint.
 
     Returns:
-        The decision with the others alone, in their own fit and with the probability of both sets; None where they were
-        not fitted by themselves.
+        The decision with the other effects, in their own fit and with the probability of both sets; None where they
+        were not fitted by themselves.
 
     """
     fewer = tuple(one for one in decision.verdict if one not in names)

@@ -1,16 +1,16 @@
-"""Whether what is said stands on motion that the fit did not see.
+"""The check of a verdict on held-out motion, which the fit did not see.
 
-A fit sees short windows that each begin anew. What acts at few places, or works slowly, hardly shows there, and a
-little of much that is tolerated stands in for it; elsewhere, and over longer windows, it does not. So the verdict is
-looked at on motion that was kept from the fit, joint by joint.
+A fit sees short windows, each with its own initial state. An effect that acts at few places, or slowly, hardly shows
+there, and a little of many effects within tolerance stands in for it. Elsewhere, and over longer windows, it does not.
+So the verdict is checked joint by joint on motion that was kept from the fit.
 
-What is there: a known effect stands where the verdict closes a third of what its joint errs by. Where the short windows
-leave so much torque unexplained that something unknown is more probable than any known effect, it stands there all the
-same, as long as the base parameters alone do not close as much; how probable it is says how much is left. Nothing that
-is known takes the place of something unknown if it would have to be larger than any such effect is. Where no known
-effect stands, something unknown is said alone, at the joint of which most is left.
+A known effect is confirmed where the verdict closes a third of its joint's error. The short windows may leave so much
+torque unexplained that something unknown is more probable than any known effect. Then a known effect is confirmed all
+the same, as long as the base parameters alone do not close as much; its probability depends on the error that is left.
+No known effect takes the place of something unknown if it would have to be larger than any such effect is. Where no
+known effect is confirmed, the verdict names something unknown alone, at the joint with the largest error left.
 
-What remains beside named effects is no rival of theirs: `hdagen.diagnosis.remainder`.
+Remainders beside named effects do not compete with these: `hdagen.diagnosis.remainder`.
 """
 
 from __future__ import annotations
@@ -44,21 +44,21 @@ def stands(
     motions: Sequence[UnseenMotion],
     alone: Mapping[str, Any] = MappingProxyType({}),
 ) -> tuple[Arm, Replay]:
-    """What of a verdict closes the gap on motion that no fit saw.
+    """Withdraw the parts of a verdict that do not close the gap on held-out motion.
 
-    Base parameters that spoil a verdict are withdrawn first, then the verdict; but that something unknown is at work
-    says of no motion. Where it is, base parameters that were refitted with effects that are not named may be bent, and
-    those that were refitted alone close the gap.
+    Base parameters that spoil a verdict are withdrawn first, then the verdict. Something unknown stays, as it predicts
+    no motion. Beside it, base parameters that were refitted with effects which are not named may be wrong, and those
+    that were refitted alone may close the gap.
 
     Args:
         plain: the robot file's model.
         named: the model with the verdict's effects.
-        content: of diagnosis.json, which is told what stands, and the gap on the last of the motions.
-        motions: each must be told better with the verdict.
+        content: of diagnosis.json; receives the verdict that stays, and the gap on the last motion.
+        motions: the verdict must predict each of them better than the robot file does.
         alone: the base parameters as they are refitted with no effect, in the form of ``content``.
 
     Returns:
-        The model that stands, and its replay of the last motion.
+        The model with the verdict that stays, and its replay of the last motion.
 
     Raises:
         PlantError: a model cannot be simulated.
@@ -83,18 +83,21 @@ def stands(
 
 
 def _closes(told: dict[str, Any], bent: bool) -> bool:
-    """Whether a gap is smaller after, as `gap` has it: by more than next to nothing with all of its interval, where
-    base parameters stand beside something unknown, which has ``bent`` them to the motion of the log."""
+    """Whether a gap is smaller after, as `gap` has it.
+
+    Beside something unknown, base parameters are ``bent`` to the motion of the log: there the whole interval must lie
+    above next to nothing.
+    """
     surely = told["interval"][0] > 1.0 - NOTHING if bent and told["interval"] else True
     return bool(told["after"] < told["before"] and surely)
 
 
 def leaves_little(after: float, others: Sequence[float]) -> bool:
-    """Whether what a verdict leaves of a gap is so little that it can be sure.
+    """Say whether a verdict leaves so little of the gap that it can be sure.
 
     Args:
         after: gap with the verdict, in multiples of the noise.
-        others: what each other set of effects leaves, and a flexible correction, in the same.
+        others: gap with each other set of effects, and with a flexible correction, in multiples of the noise.
 
     Returns:
         False where many times the noise is left and something else leaves far less, or very many times the noise.
@@ -106,19 +109,19 @@ def leaves_little(after: float, others: Sequence[float]) -> bool:
 def doubted(
     decision: Decision, fitted: Fits, said: Sequence[str], motion: UnseenMotion, after: Replay
 ) -> tuple[Decision, dict[str, Any] | None]:
-    """A decision without what does not stand on motion that the fit did not see.
+    """Doubt the effects of a verdict that held-out motion does not confirm.
 
     Args:
-        decision: what would be said; one that something unknown is at work stays as it is.
+        decision: to be checked; one that names something unknown stays as it is.
         fitted: the fits of a search, by their sets of effects.
-        said: what of it closes the gap, name@joint.
-        motion: that the fit did not see.
-        after: its replay with what is said.
+        said: the effects that close the gap, name@joint.
+        motion: held-out motion.
+        after: its replay with these effects.
 
     Returns:
-        The decision, with the effects that stand where these were fitted by themselves, or with something unknown said
-        where none stands; and `doubted` of diagnosis.json: what would have been said, and what share of a joint's
-        errors is left; None if nothing is doubted.
+        The decision with the confirmed effects, if these were fitted by themselves, or with something unknown where
+        none is confirmed. And `doubted` of diagnosis.json, the verdict before and the share of a joint's error that is
+        left; None if nothing is doubted.
 
     Raises:
         PlantError: the model cannot be simulated.
@@ -143,42 +146,56 @@ def doubted(
 
 
 def _least_left(name: str, left: Mapping[int, float]) -> float:
-    """The share that is left at the joint of an effect, name@joint; of one of the whole arm that of any joint."""
+    """The share of the error that is left at the joint of an effect, name@joint; of the whole arm the least share."""
     joint = int(name.partition("@")[2])
     return left.get(joint, 1.0) if joint else min(left.values(), default=1.0)
 
 
 def known(decision: Decision) -> Decision:
-    """What would be said if there were nothing that no effect explains."""
+    """Conclude the verdict as if nothing unknown were present.
+
+    Args:
+        decision: with or without something unknown.
+
+    Returns:
+        The decision among known effects.
+
+    """
     return _at_odds(decision, 0.0, 1)
 
 
 def outsized(content: dict[str, Any]) -> bool:
-    """Whether a verdict, as diagnosis.json has it, has an effect whose size is at an end of what it may be: it would be
-    more, or less, than any that is known."""
+    """Say whether an effect of a verdict has a size at an end of its range, larger or smaller than any known one.
+
+    Args:
+        content: of diagnosis.json.
+
+    Returns:
+        True if one has.
+
+    """
     causes = (one for one in content["causes"] if f"{one['effect']}@{one['joint']}" in content["verdict"])
     sizes = (q for cause in causes for q in cause["parameters"].values() if q["std"] is not None)  # a shape has none
     return any(q["end"] for q in sizes)
 
 
 def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alone: Replay) -> Decision:
-    """A decision that something unknown is at work, in view of motion that the fit did not see.
+    """Reweigh a verdict of something unknown against known effects, on held-out motion.
 
-    As the odds of something unknown rise there with what a verdict leaves, so they fall with what known effects leave
-    of the joint that has the largest share left, and again where a flexible correction leaves more. Where one leaves
-    less there is a structure: short windows have looked for it, and of what long ones tell the odds rise. Where each of
-    these effects closes a third of what its joint errs by, and the base parameters by themselves do not, something
-    unknown is no more probable than they are, and the less so the less they leave. What short windows do not tell is
-    never sure.
+    The odds of something unknown fall with the error that the known effects leave, at the joint with the largest share
+    left. They fall again where a flexible correction leaves more. Where it leaves less, an unknown structure is there:
+    short windows have searched for it, so the odds rise for effects of long windows only. Suppose each of these effects
+    closes a third of its joint's error and the base parameters alone do not. Then something unknown is no more probable
+    than they are, and the less so the less they leave. Such a verdict is never sure.
 
     Args:
-        decision: that something unknown is at work.
+        decision: whose verdict is something unknown.
         said: the known effects, name@joint.
-        motion: that the fit did not see.
+        motion: held-out motion.
         alone: its replay with these effects.
 
     Returns:
-        The decision at other odds; what it says may be the known effects.
+        The decision at other odds; its verdict may be the known effects.
 
     """
     before, held = motion.before, motion.portion
@@ -200,7 +217,7 @@ def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alo
 
 
 def _at_odds(decision: Decision, odds: float, joint: int) -> Decision:
-    """The decision at other ``odds`` that something unknown is at work, at a ``joint``."""
+    """The decision at other ``odds`` of something unknown, at a ``joint``."""
     unknown = odds / (1.0 + odds)
     named = [h for h in decision.hypotheses if not h.unknown]
     total = sum(h.probability for h in named)
@@ -210,7 +227,15 @@ def _at_odds(decision: Decision, odds: float, joint: int) -> Decision:
 
 
 def use_whole(decision: Decision) -> Arm:
-    """The model where the best fit stands, with what it tolerates."""
+    """Build the model of the best fit, with its effects within tolerance.
+
+    Args:
+        decision: with the fit.
+
+    Returns:
+        The model.
+
+    """
     at = decision.best.design
     return at.shooting.arm.at(at.point.p)
 
@@ -218,17 +243,39 @@ def use_whole(decision: Decision) -> Arm:
 def leave_shares(
     before: Replay, after: Replay, whole: Replay, held: Portion, named: Collection[int]
 ) -> dict[int, float]:
-    """The share of the errors ``before`` that is left at each joint, 0 where nothing is left that counts: what
-    ``after`` or ``whole`` leaves, the less, but ``after`` where it closes next to nothing of a joint that is
-    ``named``."""
+    """Measure the share of each joint's error that a verdict leaves, with or without effects within tolerance.
+
+    It is the lesser of the shares with ``after`` and ``whole``; at a named joint of which ``after`` closes next to
+    nothing, it is that of ``after``.
+
+    Args:
+        before: the replay of the robot file's model.
+        after: the replay with the verdict.
+        whole: the replay with the best fit, and so with its effects within tolerance.
+        held: the held-out rows (T,) of the log.
+        named: joints of the verdict's effects.
+
+    Returns:
+        By joint the share (1), 0 where the error that is left does not count.
+
+    """
     said, tolerating = (leave_errors(before, one, held) for one in (after, whole))
     alone = {j for j in named if said.get(j, 0.0) > NOTHING}
     return {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
 
 
 def leave_errors(before: Replay, after: Replay, held: Portion) -> dict[int, float]:
-    """The share that is left of the errors of each joint: of its encoders', and of its torque sensor's if that erred,
-    the smallest."""
+    """Measure the share of each joint's error that is left.
+
+    Args:
+        before: the replay of the robot file's model.
+        after: another replay of the same log.
+        held: the held-out rows (T,) of the log.
+
+    Returns:
+        By joint the smallest share (1) of its encoders, and of its torque sensor if that erred.
+
+    """
     shares: dict[int, float] = {}
     for name, channel in by_channel(before, after, held).items():
         quantity, _, j = name.rpartition("_")

@@ -1,9 +1,9 @@
-"""What a motion can tell: which effects would not show in it, and which it would not part from those that are named.
+"""Identifiability: the effects that a motion would not show, and those that it would not separate from a verdict.
 
-Both are asked of the linear model about the best hypothesis, before the measured values count: had the log held an
-effect of its usual size, or what is named as large as it was found, which evidence would every effect have got? What
-earns less than takes none out of doubt cannot be named from this log; what would fall behind the truth by little is
-confounded with it.
+Both follow from the linear model about the best hypothesis, without the measured values. It gives the evidence that
+each effect would gain if the log held an effect of its usual size, or a named effect as large as it was found. An
+effect that would gain too little to exclude the hypothesis of no effect cannot be named from this log. An effect that
+would gain nearly as much as the true one is confounded with it.
 
 Source: Chaloner, Verdinelli, Stat. Sci. 10 (1995) 273 (expected information of an experiment).
 """
@@ -21,14 +21,24 @@ from hdagen.diagnosis.evidence import Posterior, gain, posterior
 from hdagen.diagnosis.fitting import Fitted
 from hdagen.plant import Array
 
-CLOSE = float(np.log(100.0))  # of expected log evidence, by which what is less far apart counts as confounded
+CLOSE = float(np.log(100.0))  # difference of expected log evidence, below which two effects count as confounded
 
 
 class Told:
-    """What the motion of one fit tells of every effect@joint among its columns, at a temperature."""
+    """Which of a fit's effects its motion can identify.
+
+    ``columns`` has the places of each effect@joint among the fit's columns; ``motion`` is the knowledge that the motion
+    gives of them.
+    """
 
     def __init__(self, fit: Fitted, temperature: float) -> None:
-        """``fit`` with its columns. Nothing is free: all effects are within their tolerance."""
+        """Prepare the linear model of a fit.
+
+        Args:
+            fit: with the columns of all effects.
+            temperature: of the likelihood (1).
+
+        """
         words = fit.design.words
         self.fit, self.temperature, self.spike, self.sizes = fit, temperature, words.spike, fit.posterior[0]
         self.motion = self._motion(fit.design)
@@ -38,17 +48,24 @@ class Told:
                 self.columns.setdefault(words.atoms[c.atom].name, []).append(k)
 
     def _motion(self, design: Design) -> tuple[Posterior, Array]:
-        """What is known in the columns of a design, and the part of it (P, P) that the log tells."""
+        """The posterior of a design's columns with all effects in tolerance, and the log's information (P, P)."""
         at = self.fit.score.at
         known = posterior(design.linear().reduced(at.s), self.spike, at.s, at.kappa2, None, self.temperature)
         return known, np.asarray(np.linalg.inv(known.covariance) - np.diag(1.0 / self.spike**2), float)
 
     def _evidence(self, name: str, seen: Posterior) -> float:
+        """Log evidence that an effect gains in a posterior."""
         return gain(seen, self.spike, np.array(self.columns[name]))
 
     def unseen(self) -> list[str]:
-        """Effects that would not be named though they were there in their usual size, those that show least first; of
-        those that a small step shows as little of, the whole size is tried."""
+        """Find effects that would not be named although they were present in their usual size.
+
+        An effect that shows little in a small step is tried at its whole size.
+
+        Returns:
+            Their names, effect@joint, those that show least first.
+
+        """
         needed = float(np.log(NONE / (1.0 - NONE) * len(self.columns) * (1.0 - DOUBT) / DOUBT))
         found = self._shown(self.columns, self.motion)
         quiet = [name for name in found if found[name] < needed]
@@ -56,13 +73,24 @@ class Told:
         return sorted((name for name in found if found[name] < needed), key=lambda name: (found[name], name))
 
     def _shown(self, names: Iterable[str], motion: tuple[Posterior, Array]) -> dict[str, float]:
-        """Evidence that effects would get, were they there in their usual size, the mean of its directions."""
+        """Log evidence that effects of their usual size would gain, the mean over their directions."""
         one = np.ones(1)
-        return {n: float(np.mean([self._evidence(n, _of(motion, [k], one)) for k in self.columns[n]])) for n in names}
+        gained = {}
+        for name in names:
+            directions = [self._evidence(name, _of(motion, [k], one)) for k in self.columns[name]]
+            gained[name] = float(np.mean(directions))
+        return gained
 
     def beside(self, name: str) -> list[str]:
-        """Effects that would be found nearly as probable, were ``name`` there as large as it was found, the nearest
-        first."""
+        """Find effects that would be nearly as probable as one that is present as large as it was found.
+
+        Args:
+            name: the effect that is present, effect@joint.
+
+        Returns:
+            The names of the others, the nearest first.
+
+        """
         places = self.columns[name]
         seen = _of(self.motion, places, self.sizes[places])
         true = self._evidence(name, seen)

@@ -1,7 +1,6 @@
-"""What a verdict leaves within tolerance: the effects that are not named, as large as the fit has them, and what each
-would be worth in the gap beside the verdict.
+"""Nuisance effects: effects within tolerance that the verdict does not name, and the gap that each would close.
 
-No effect is ever exactly absent, and what is tolerated may still be most of what a verdict leaves.
+No effect is ever exactly absent. Effects within tolerance may still be most of the gap that a verdict leaves.
 """
 
 from __future__ import annotations
@@ -21,21 +20,37 @@ from hdagen.plant import Arm
 from hdagen.replay import Replay
 from hdagen.together import together
 
-CLEAR = 4.0  # standard deviations from 0, from which an effect's size was told by the data
-MOST = 2  # effects that are replayed: each costs as much as the verdict's replay does
+CLEAR = 4.0  # standard deviations from 0, from which the data determine an effect's size
+MOST = 2  # effects that are tried: each costs one replay
 WORTH = 0.05  # of the gap after the verdict, that an effect must close to be listed
 
 
 def tolerated(
     best: Fitted, said: verdict.Verdict, before: Replay, after: Replay, held: Portion, seen: Callable[[Arm], Replay]
 ) -> list[dict[str, Any]]:
-    """Effect, joint, parameters (value, std, unit), size in usual ones, and the gap with that and the verdict in the
-    model, the smallest gap first; ``seen``: the replay of what is ``held`` out on an arm. Raises PlantError."""
+    """Rank the effects within tolerance by the gap that each leaves beside the verdict.
+
+    Args:
+        best: the fit that the verdict stands on.
+        said: the verdict.
+        before: the replay of the robot file's model.
+        after: the replay with the verdict.
+        held: the held-out rows (T,) of the log.
+        seen: replays the held-out log on a model.
+
+    Returns:
+        Entries with ``effect``, ``joint``, ``parameters`` (value, std, unit), ``size`` in usual sizes, and the ``gap``
+        with the effect and the verdict in the model, in multiples of the noise; the smallest gap first.
+
+    Raises:
+        PlantError: a model cannot be simulated.
+
+    """
     words, described = best.design.words, best.design.shooting.arm.parameters.described
     mean, covariance = best.posterior
     clear: dict[int, float] = {}
     for k, c in enumerate(words.columns):
-        # base parameters go with the verdict, and so does what the base leans
+        # base parameters go with the verdict, and so does the base's tilt
         goes_along = c.atom < 0 or c.parameter in LEANS or described[c.parameter].tolerance > 0
         if not goes_along and words.atoms[c.atom].name not in best.names:
             told = abs(float(mean[k])) / math.sqrt(covariance[k, k])
@@ -43,7 +58,7 @@ def tolerated(
     left = gap(before, after, held)["after"]
 
     def worth(atom: int) -> dict[str, Any]:
-        """The atom as large as the fit has it, beside the verdict."""
+        """The entry of one candidate, replayed as large as the fit has it, beside the verdict."""
         effect, (arm, _) = words.atoms[atom], verdict.applied(best.design.shooting.arm, said)
         parameters = estimates(best, atom)
         arm.parameters.update({name: one["value"] for name, one in parameters.items()})

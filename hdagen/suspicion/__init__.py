@@ -1,1 +1,1 @@
-"""Mistakes in a log that its own numbers give away, one kind a file; see triage."""
+"""Checks for mistakes in a log by its own numbers, one kind a file; `hdagen.triage` runs them."""

@@ -1,9 +1,8 @@
-"""Mistakes that show once a log is held against the model of its robot file: another robot's, another unit, swapped
-joints.
+"""Checks of a log against the model of its robot file: another robot's file, another unit, swapped joints.
 
 The model's inverse dynamics along the measured motion is fitted to the input, friction and springs left free, and to
-the torsion. No effect that a real joint has changes the size of its inertia severalfold, or makes a joint twist as its
-neighbour should; a wrong file, unit or assignment does.
+the torsion. No effect of a real joint changes its inertia severalfold, or makes a joint twist as its neighbour should;
+a wrong file, unit or assignment does.
 """
 
 from __future__ import annotations
@@ -21,31 +20,38 @@ from hdagen.plant import Arm
 from hdagen.suspicion.effort import Motion, motion
 from hdagen.suspicion.finding import Finding, Severity, in_words
 from hdagen.suspicion.inputs import INPUTS
+from hdagen.suspicion.relations import both_encoders_move
 
-_SCALE = 3.0  # times the inertia of the robot file that an effect can make of it: torque constant, payload, wrong mass
-_CORRELATED = 0.3  # of input and inertial torque, below which they say nothing of each other
-_MILLI = 3.0  # factor about 1000 within which a scale is taken for thousandths
-_ALONE = 2.0  # times what moves a joint without its drive, from which there must have been a drive
-_HELD = 3.0  # times its dry friction that a joint cannot withstand
-_BETTER = 1.5  # how much better exchanged joints must explain the torsion
+_SCALE = 3.0  # ratio to the robot file's inertia that effects can explain: torque constant, payload, wrong mass
+_CORRELATED = 0.3  # correlation of input and inertial torque, below which neither determines the other
+_MILLI = 3.0  # ratio to 1000 within which a scale counts as that of thousandths
+_ALONE = 2.0  # times the torque that moves a joint without its drive, from which there must have been a drive
+_HELD = 3.0  # multiples of its dry friction that move any joint
+_BETTER = 1.5  # ratio by which the torsion must fit better with the joints exchanged
 
 
 def scale(log: Log, arm: Arm) -> list[Finding]:
-    """Inputs that ask for an inertia several times larger or smaller than the robot file's.
+    """Check the inertia that each input implies: not several times larger or smaller than the robot file's.
 
-    Needs every joint of the arm with a position.
+    Args:
+        log: with a position of every joint.
+        arm: the robot file's model.
+
+    Returns:
+        The findings.
+
     """
     channels = {name: describe(name, values) for name, values in log.columns.items()}
     moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
     torque = _joint_torque(log, arm, moving)
     findings = []
     for one, joint in enumerate(moving.joints):
-        p, ratio = arm.parameters, arm.parameters[f"ratio_{joint}"]
-        inertial = torque[:, joint - 1] / ratio + p[f"motor_inertia_{joint}"] * ratio * moving.acceleration[one]
+        ratio, rotor = arm.parameters[f"ratio_{joint}"], arm.parameters[f"motor_inertia_{joint}"]
+        inertial = torque[:, joint - 1] / ratio + rotor * ratio * moving.acceleration[one]
         for name in (f"{base}_{joint}" for base in INPUTS):
             if name not in channels or channels[name].constant:
                 continue
-            unit = p[f"torque_constant_{joint}"] if "current" in name and f"torque_constant_{joint}" in p else 1.0
+            unit = _torque_per_input(arm, name, joint)
             low, high = _between(_terms(moving, one, inertial), unit * moving.values(log, name))
             if low > _SCALE or high < 1 / _SCALE:
                 times = math.copysign(math.sqrt(low * high), high)
@@ -54,8 +60,19 @@ def scale(log: Log, arm: Arm) -> list[Finding]:
 
 
 def driven(log: Log, arm: Arm) -> list[Finding]:
-    """Joints that move as only a drive can move them, and whose inputs stay at one value; and joints whose encoders
-    stay at one value under an input that their friction could not hold."""
+    """Check that inputs and encoders were read.
+
+    A joint may move as only a drive can move it while its inputs stay at one value. Another one's encoders may stay at
+    one value under an input that its friction could not hold.
+
+    Args:
+        log: with a position of every joint.
+        arm: the robot file's model.
+
+    Returns:
+        The findings.
+
+    """
     channels = {name: describe(name, values) for name, values in log.columns.items()}
     moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
     torque = _joint_torque(log, arm, moving)
@@ -78,18 +95,23 @@ def driven(log: Log, arm: Arm) -> list[Finding]:
 
 
 def exchanged(log: Log, arm: Arm) -> list[Finding]:
-    """Pairs of joints whose torsions are explained by the model once the two are exchanged, and not as they are."""
+    """Find pairs of joints whose torsions the model explains only once the two are exchanged.
+
+    Args:
+        log: with a position of every joint.
+        arm: the robot file's model.
+
+    Returns:
+        The findings.
+
+    """
     channels = {name: describe(name, values) for name, values in log.columns.items()}
-    both = [
-        j
-        for j in arm.manifest["flexible"]
-        if all(n in channels and channels[n].moves for n in (f"motor_position_{j}", f"joint_position_{j}"))
-    ]
+    both = [j for j in arm.manifest["flexible"] if both_encoders_move(channels, j)]
     findings = []
     own = _twists(log, arm, channels, both)
     for i, j in ((i, j) for i in both for j in both if i < j):
         if not math.isclose(*(arm.parameters[f"ratio_{k}"] for k in (i, j)), rel_tol=0.1):
-            continue  # the ratios have told already
+            continue  # another check has compared the ratios
         other = _twists(_exchange(log, i, j), arm, channels, [i, j])
         better = math.sqrt(own[i] * own[j] / (other[i] * other[j]))
         if better > _BETTER:
@@ -103,8 +125,10 @@ def exchanged(log: Log, arm: Arm) -> list[Finding]:
 
 
 def _alone(log: Log, arm: Arm, moving: Motion, joint: int, torque: np.ndarray) -> float:
-    """The torque that a joint's own acceleration takes, in multiples of what its weight, the other joints' motion and
-    the tip force give: at most 1 where nothing else moves it, for friction only brakes."""
+    """The torque that a joint's own acceleration takes, over that of its weight, the other joints and the tip force.
+
+    It is at most 1 where nothing else moves the joint, as friction only brakes.
+    """
     one, p = moving.joints.index(joint), arm.parameters
     ratio, still = p[f"ratio_{joint}"], np.zeros_like(moving.velocity)
     own = still.copy()
@@ -122,14 +146,13 @@ def _alone(log: Log, arm: Arm, moving: Motion, joint: int, torque: np.ndarray) -
 def _withstood(
     log: Log, arm: Arm, channels: Mapping[str, Channel], joint: int, inputs: list[str], encoder: str, torque: np.ndarray
 ) -> list[Finding]:
-    """A finding where a joint that is said not to move is pushed by far more than its friction in the robot file."""
-    p = arm.parameters
-    friction = p[f"coulomb_friction_{joint}"]
+    """A finding where the input pushes a joint at rest by far more than its friction in the robot file."""
+    friction = arm.parameters[f"coulomb_friction_{joint}"]
     name = next((name for name in inputs if not channels[name].constant), None)
     if name is None or friction <= 0:
         return []
-    unit = p[f"torque_constant_{joint}"] if "current" in name and f"torque_constant_{joint}" in p else 1.0
-    carried = np.interp(log.time, even(log.time).time, torque[:, joint - 1]) / p[f"ratio_{joint}"]
+    unit = _torque_per_input(arm, name, joint)
+    carried = np.interp(log.time, even(log.time).time, torque[:, joint - 1]) / arm.parameters[f"ratio_{joint}"]
     pushed = float(np.quantile(np.abs(unit * log[name] - carried), 0.95)) / friction
     if pushed < _HELD:
         return []
@@ -142,7 +165,7 @@ def _withstood(
 
 
 def _finding(name: str, joint: int, found: float, channel: Channel) -> Finding:
-    """What a scale that cannot be is taken for."""
+    """The finding for an impossible inertia: another unit, a reversed sign or another robot."""
     times = f"{name} asks for {found:.3g} times the inertia of joint {joint} in the robot file"
     milli = {name: {"unit": "mA"}}
     if "current" in name and 1000 / _MILLI < found < 1000 * _MILLI:
@@ -159,15 +182,26 @@ def _ratios(arm: Arm) -> tuple[float, ...]:
     return tuple(arm.parameters[f"ratio_{j}"] for j in range(1, arm.n + 1))
 
 
+def _torque_per_input(arm: Arm, name: str, joint: int) -> float:
+    """Torque at the motor per unit of an input: the torque constant of a current, 1 of a torque."""
+    constant = f"torque_constant_{joint}"
+    if "current" in name and constant in arm.parameters:
+        return arm.parameters[constant]
+    return 1.0
+
+
 def _joint_torque(log: Log, arm: Arm, moving: Motion) -> np.ndarray:
-    """Torque that the model has the joints carry along the motion (T, n), N m at the joint; friction is not in it."""
+    """The model's torque of the joints along the motion (T, n), N m at the joint, without friction."""
     q, v, a = (np.zeros((len(moving.grid.time), arm.n)) for _ in range(3))
     for one, joint in enumerate(moving.joints):
         q[:, joint - 1], v[:, joint - 1] = moving.position[one], moving.velocity[one]
         a[:, joint - 1] = moving.acceleration[one]
-    for j in set(range(1, arm.n + 1)) - set(moving.joints):  # it is held somewhere
+    for j in set(range(1, arm.n + 1)) - set(moving.joints):  # the joint is held somewhere
         position, ratio = f"joint_position_{j}", arm.parameters[f"ratio_{j}"]
-        q[:, j - 1] = np.mean(log[position]) if position in log else np.mean(log[f"motor_position_{j}"]) / ratio
+        if position in log:
+            q[:, j - 1] = np.mean(log[position])
+        else:
+            q[:, j - 1] = np.mean(log[f"motor_position_{j}"]) / ratio
     zero = np.zeros(len(log))
     force = [moving.grid.smooth(log.columns.get(name, zero)) for name in ("tip_force_x", "tip_force_y")]
     return arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=np.stack(force, 1))["joint_torque"]
@@ -182,8 +216,10 @@ def _terms(moving: Motion, one: int, *first: np.ndarray) -> np.ndarray:
 
 
 def _between(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Bounds of the coefficient of the first term where both it and ``values`` have errors, the other terms free: that
-    of ``values`` over it, and the inverse of that of it over ``values``; NaN where neither says anything.
+    """Bounds of the first term's coefficient where both it and ``values`` have errors, the other terms being free.
+
+    They are the coefficient of ``values`` over the term, and the inverse of that of the term over ``values``; NaN where
+    the two hardly correlate.
 
     Source: Frisch, Statistical Confluence Analysis by Means of Complete Regression Systems (1934).
     """
@@ -198,8 +234,10 @@ def _between(terms: np.ndarray, values: np.ndarray) -> tuple[float, float]:
 
 
 def _twists(log: Log, arm: Arm, channels: Mapping[str, Channel], joints: list[int]) -> dict[int, float]:
-    """Root mean square of what the model's torque, a stiffening spring, friction, a time skew and an eccentric encoder
-    leave of each joint's torsion, rad; NaN where the log is too short to tell."""
+    """Root mean square residual of each joint's torsion, rad; NaN where the log is too short.
+
+    The fit has the model's torque, a stiffening spring, friction, a time skew and an eccentric encoder.
+    """
     moving = motion(log, channels, _ratios(arm), list(range(1, arm.n + 1)))
     torque = _joint_torque(log, arm, moving)
     found = {}
@@ -224,6 +262,6 @@ def _exchange(log: Log, i: int, j: int) -> Log:
     other = {str(i): str(j), str(j): str(i)}
     columns = {}
     for name, values in log.columns.items():
-        base, _, number = name.rpartition("_")
-        columns[f"{base}_{other[number]}" if number in other else name] = values
+        base, line, number = name.rpartition("_")
+        columns[f"{base}{line}{other.get(number, number)}"] = values
     return replace(log, columns=columns, notes=())

@@ -1,7 +1,8 @@
-"""Encoders of one joint on two clocks: the joint's reads later and later, or earlier and earlier, than the motor's.
+"""A check for encoders of one joint on two clocks: the joint's reading gets later and later than the motor's, or
+earlier and earlier.
 
-What one encoder reads beside the other is torsion, and a delay times the speed. A delay that grows evenly with time is
-a clock that runs at another rate; what else may change over a log, stiffness, friction, an offset, is free to do so.
+The two encoders differ by the torsion, and by a delay times the speed. A delay that grows evenly with time comes from a
+clock that runs at another rate. Stiffness, friction and offset may change over a log, too, so the fit leaves them free.
 """
 
 from __future__ import annotations
@@ -15,20 +16,20 @@ from hdagen.channels import describe, even
 from hdagen.log import Log
 
 _SURE = 6.0  # standard errors
-_BLOCKS = 10  # of time, each left out once
-_FELT = 2.0  # times the noise of the encoders, that a drift must come to
-_MOST = 1e-2  # of a clock's rate
+_BLOCKS = 10  # of time, each left out once by the jackknife
+_FELT = 2.0  # times the noise of the encoders, that a drift must reach
+_MOST = 1e-2  # of a clock's rate; more is no drift of a clock
 
 
 def drifts(log: Log, ratios: Sequence[float]) -> dict[int, float]:
-    """By how much the clock of each joint's own encoder runs slower than its motor's.
+    """Find joints whose own encoder has a clock that runs slower, or faster, than the motor's.
 
     Args:
         log: both positions of a joint, times in s.
         ratios: of the gears, a joint each.
 
     Returns:
-        By joint, seconds that its reading gets later in a second; only what is sure and felt.
+        By joint, seconds that its reading gets later in a second; only drifts that are sure and exceed the noise.
 
     """
     found = {}
@@ -48,8 +49,17 @@ def drifts(log: Log, ratios: Sequence[float]) -> dict[int, float]:
 
 
 def on_motor_clock(log: Log, joint: int, rate: float) -> Log:
-    """The log with what the encoder of ``joint`` reads, later by ``rate`` seconds in a second, brought to its motor's
-    clock; the delay in the middle of the log stays."""
+    """Bring the readings of a joint's encoder to the clock of its motor's.
+
+    Args:
+        log: to be corrected; times in s.
+        joint: its number, from 1.
+        rate: seconds that its reading gets later in a second.
+
+    Returns:
+        The log with the joint's position and velocity interpolated; the delay in the middle of the log stays.
+
+    """
     from scipy.interpolate import CubicSpline
 
     now = log.time + rate * (log.time - log.time.mean())

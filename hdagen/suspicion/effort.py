@@ -1,7 +1,7 @@
-"""Mistakes that show once an input is held against the motion it makes: a reversed sign, swapped joints.
+"""Checks of an input against the motion that it makes: a reversed sign, swapped joints.
 
-An input is fitted by what it can be made of: the joints' accelerations, the joint's own friction, a spring and gravity.
-In any machine the joint's own inertia has a positive share, and friction takes power.
+A fit explains the input by the joints' accelerations, the joint's own friction, a spring and gravity. In any machine
+the joint's own inertia has a positive share, and friction takes power.
 """
 
 from __future__ import annotations
@@ -24,12 +24,15 @@ _SURE_INERTIA, _SURE_POWER = -20.0, -0.03
 _INERTIA, _POWER = -5.0, -0.15
 _EXPLAINED = 0.8
 _LATEST = 12  # rows, searched between an input and the motion
-_AHEAD = 4  # rows that the motion must be ahead of its input by to be said
+_AHEAD = 4  # rows that the motion must be ahead of its input to be reported
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the joints move, smoothed, on an even grid: each (n, T); joints that do not move are left out."""
+    """The smoothed motion of a log on an even grid; joints that do not move are left out.
+
+    Position, velocity and acceleration are (n, T), in rad or m, and s.
+    """
 
     grid: Even
     joints: tuple[int, ...]
@@ -38,12 +41,32 @@ class Motion:
     acceleration: np.ndarray
 
     def values(self, log: Log, name: str) -> np.ndarray:
-        """The column ``name`` as the terms are: smoothed, one row a window, so that rows are about independent."""
+        """Sample a column as the terms of the fits are: smoothed, with one row a window.
+
+        Args:
+            log: with the column.
+            name: of the column.
+
+        Returns:
+            Values (rows,) that are about independent.
+
+        """
         return self.grid.smooth(log[name])[:: self.grid.width]
 
 
 def motion(log: Log, channels: Mapping[str, Channel], ratios: tuple[float, ...], sound: list[int]) -> Motion:
-    """The motion of the joints in ``sound``, from the joint encoder or, without one, the motor's."""
+    """Smooth the motion of joints, from the joint's encoder or, without one, the motor's.
+
+    Args:
+        log: with times in s.
+        channels: statistics of its columns, by name.
+        ratios: of the gears, one a joint.
+        sound: numbers of the joints that count.
+
+    Returns:
+        The motion.
+
+    """
     grid = even(log.time)
     used, positions = [], []
     for joint in sound:
@@ -58,7 +81,17 @@ def motion(log: Log, channels: Mapping[str, Channel], ratios: tuple[float, ...],
 
 
 def swapped_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> list[Finding]:
-    """Pairs of joints whose current or torque is explained by the other one's motion, and not by their own."""
+    """Find pairs of joints whose current or torque is explained by the other one's motion, and not by their own.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        moving: its smoothed motion.
+
+    Returns:
+        The findings.
+
+    """
     findings: list[Finding] = []
     for base in INPUTS:
         driven = [j for j in moving.joints if f"{base}_{j}" in channels and not channels[f"{base}_{j}"].constant]
@@ -68,7 +101,9 @@ def swapped_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) ->
             for j in driven:
                 one = moving.joints.index(j)
                 terms = _terms(moving, one, [one])
-                left[i, j] = 1 - _fit(terms, values).explained if is_determined(terms) else 1.0
+                left[i, j] = 1.0
+                if is_determined(terms):
+                    left[i, j] = 1 - _fit(terms, values).explained
         for i, j in left:
             crossed, own = (left[i, j], left[j, i]), (left[i, i], left[j, j])
             if i < j and max(crossed) < 0.3 and all(c < 0.35 * o for c, o in zip(crossed, own, strict=True)):
@@ -82,7 +117,18 @@ def swapped_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) ->
 
 
 def signs(log: Log, channels: Mapping[str, Channel], moving: Motion, lags: Mapping[str, Lag]) -> list[Finding]:
-    """Inputs that accelerate their joint backwards and gain power from friction: reversed."""
+    """Find reversed inputs: they accelerate their joint backwards and gain power from friction.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        moving: its smoothed motion.
+        lags: of measured inputs behind their commands, by name.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     for one, joint in enumerate(moving.joints):
         terms = _terms(moving, one, list(range(len(moving.joints))))
@@ -116,9 +162,19 @@ def signs(log: Log, channels: Mapping[str, Channel], moving: Motion, lags: Mappi
 
 
 def behind(log: Log, channels: Mapping[str, Channel], moving: Motion) -> dict[str, float]:
-    """How many rows the motion is behind each input: the shift at which the fit explains it best; about 0 for a
-    measured one, more for a command by what the drive takes. Within about two rows; inputs that the fit does not
-    explain are left out."""
+    """Measure how many rows the motion is behind each input: the shift at which the fit explains the input best.
+
+    It is about 0 for a measured input, and the drive's delay more for a command, within about two rows.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        moving: its smoothed motion.
+
+    Returns:
+        Rows by the input's name; inputs that the fit does not explain are left out.
+
+    """
     found = {}
     for one, joint in enumerate(moving.joints):
         rows = np.arange(0, len(moving.grid.time), moving.grid.width)
@@ -136,8 +192,18 @@ def behind(log: Log, channels: Mapping[str, Channel], moving: Motion) -> dict[st
 
 
 def skews(found: Mapping[str, float], period: float) -> list[Finding]:
-    """Inputs that the motion of every joint is ahead of (`behind`): their clock and that of the positions differ. One
-    joint alone may have a wall or a spring that looks alike."""
+    """Find inputs that lag the motion on every joint: their clock and that of the positions differ.
+
+    One joint alone may have a wall or a spring that looks alike.
+
+    Args:
+        found: rows that the motion is behind each input, by name, as `behind` measures them.
+        period: of the rows, s.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     for base in INPUTS:
         rows = {name: value for name, value in found.items() if name.rpartition("_")[0] == base}
@@ -153,8 +219,20 @@ def skews(found: Mapping[str, float], period: float) -> list[Finding]:
 
 
 def unexplained(log: Log, moving: Motion, one: int, name: str, held: np.ndarray) -> tuple[float, float] | None:
-    """What the motion asks of the input ``name`` beyond its reading in the rows ``held`` (T,), away from 0, and the
-    root mean square error of the fit in the other rows, from which it is made. None where either are too few."""
+    """Measure how much more than an input's reading the motion requires in some rows.
+
+    Args:
+        log: to be checked.
+        moving: its smoothed motion.
+        one: place of the joint in the motion.
+        name: of the input.
+        held: mask (T,) of the rows; the fit is made in the others.
+
+    Returns:
+        The median excess, away from 0, and the root mean square error of the fit, both in the input's unit. None where
+        rows of either kind are too few.
+
+    """
     terms = _terms(moving, one, list(range(len(moving.joints))))
     share = moving.grid.smooth(held.astype(float))[:: moving.grid.width]
     values = moving.values(log, name)
@@ -167,7 +245,7 @@ def unexplained(log: Log, moving: Motion, one: int, name: str, held: np.ndarray)
 
 
 def _terms(moving: Motion, one: int, accelerating: list[int]) -> np.ndarray:
-    """What the input of the joint at index ``one`` can be made of, (rows, terms), each of unit size.
+    """The terms that can explain the input of the joint at index ``one``, (rows, terms), each of unit size.
 
     The accelerations of ``accelerating`` first, then viscous and Coulomb friction, a constant, a spring, and gravity on
     the joint's own link and on those beyond.
@@ -189,7 +267,7 @@ class _Fit:
     coefficients: np.ndarray
     covariance: np.ndarray
     explained: float
-    size: float  # standard deviation of what was fitted
+    size: float  # standard deviation of the fitted values
 
     def certainty(self, term: int) -> float:
         """A coefficient in standard deviations of its own."""
@@ -197,6 +275,7 @@ class _Fit:
 
 
 def _fit(terms: np.ndarray, values: np.ndarray) -> _Fit:
+    """Fit ``values`` (rows,) by ``terms`` (rows, terms)."""
     coefficients = np.linalg.lstsq(terms, values, rcond=1e-8)[0]
     left, all_ = float(np.var(values - terms @ coefficients)), float(np.var(values))
     covariance = left * np.linalg.pinv(terms.T @ terms, rcond=1e-12)

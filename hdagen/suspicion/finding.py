@@ -1,4 +1,4 @@
-"""What is found in a log, and what must be known of its robot to find it."""
+"""Findings of the checks of a log, and the facts of its robot that the checks need."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Severity(Enum):
-    """REFUSE: nothing right can come of it. WARN: look at it. NOTE: good to know."""
+    """REFUSE: a diagnosis would be wrong. WARN: somebody should look at it. NOTE: good to know."""
 
     REFUSE = "refuse"
     WARN = "warn"
@@ -18,9 +18,9 @@ class Severity(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing found in a log: a stable name, the joint (0: the whole log), and a sentence that says what to do.
+    """One finding in a log: a stable name, the joint (0: the whole log), and a sentence with the cure.
 
-    ``repair`` is what to do as tables of a columns.toml, by column; empty where only a person can tell.
+    ``repair`` is the cure as tables of a columns.toml, by column; empty where only a person can decide.
     """
 
     severity: Severity
@@ -31,23 +31,38 @@ class Finding:
 
 
 def in_words(repair: Mapping[str, Any]) -> str:
-    """Tables of a columns.toml in a sentence: ``unit = "deg" under [motor_position_1]``."""
+    """Write a repair in a sentence, as in ``unit = "deg" under [motor_position_1]``.
+
+    Args:
+        repair: tables of a columns.toml, by column.
+
+    Returns:
+        The words.
+
+    """
     parts = []
     for column, table in repair.items():
         if column == "ignore":
             names = ", ".join(f'"{name}"' for name in table)
             parts.append(f"ignore = [{names}]")
             continue
-        keys = (
-            f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value:.16g}" for key, value in table.items()
-        )
+        keys = []
+        for key, value in table.items():
+            if isinstance(value, str):
+                keys.append(f'{key} = "{value}"')
+            else:
+                keys.append(f"{key} = {value:.16g}")
         parts.append(f"{' and '.join(keys)} under [{column}]")
     return " and ".join(parts)
 
 
 @dataclass(frozen=True)
 class Machine:
-    """What triage must know of a robot, one entry a joint; None where the robot file does not say."""
+    """The facts of a robot that triage needs, one entry a joint; None where the robot file does not say.
+
+    Ratios are of motor over joint (1, or rad/m where the joint slides), resolutions in rad or m, currents in A, and
+    position limits in rad or m.
+    """
 
     ratios: tuple[float, ...]
     resolutions: Mapping[str, float]  # by column name

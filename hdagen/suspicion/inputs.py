@@ -1,4 +1,4 @@
-"""Mistakes that currents and torques give away: milliamperes, a reversed sign, swapped joints, a shifted row."""
+"""Checks of currents and torques: milliamperes, a torque at the joint's side, a shifted row."""
 
 from __future__ import annotations
 
@@ -15,26 +15,47 @@ from hdagen.suspicion.finding import Finding, Machine, Severity
 PAIRS = (("motor_current_command", "motor_current"), ("motor_torque_command", "motor_torque"))  # commanded, measured
 INPUTS = tuple(base for pair in PAIRS for base in pair)
 _LONGEST_LAG = 0.1  # s, searched between command and measurement
-_EARLIEST = -5  # rows
+_EARLIEST = -5  # rows, earliest lag that is searched
 _CLEAR = 0.5  # of the misfit at the usual lag, that a lag before the command must leave at most to be a mistake
-_TOLD = 3  # rows from which the motion tells which of command and measurement is logged in the wrong row
+_TOLD = 3  # rows from which the motion decides whether command or measurement is logged in the wrong row
 UNSTATED_CURRENT = 200.0  # A; above it, unless the robot file states such a drive, currents are in mA
 
 
 def known(stated: float | None) -> str:
-    """What a robot file states of a drive's largest current (A), for a sentence."""
-    return f"the robot file states at most {stated:g} A" if stated else "the robot file states no max_current"
+    """State a drive's largest current in a sentence.
+
+    Args:
+        stated: in A, as the robot file has it.
+
+    Returns:
+        The words.
+
+    """
+    if stated:
+        return f"the robot file states at most {stated:g} A"
+    return "the robot file states no max_current"
 
 
 def current_sizes(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
-    """Currents beyond what the drive can give: milliamperes, once `misread` rows are taken out."""
+    """Check currents against the drive's largest one: beyond it they are in mA, once misread rows are taken out.
+
+    Args:
+        channels: statistics of each column, by name.
+        machine: facts of the robot.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     for joint, stated in enumerate(machine.max_currents, start=1):
         for name in (f"motor_current_command_{joint}", f"motor_current_{joint}"):
             if name not in channels:
                 continue
-            peak = max(abs(channels[name].low), abs(channels[name].high))
-            if peak > (10 * stated if stated else UNSTATED_CURRENT):
+            peak, most = max(abs(channels[name].low), abs(channels[name].high)), UNSTATED_CURRENT
+            if stated:
+                most = 10 * stated
+            if peak > most:
                 sentence = (
                     f"{name} reaches {peak:.4g}, {known(stated)}: mA? "
                     f'Then set unit = "mA" under [{name}] in columns.toml.'
@@ -59,9 +80,16 @@ class Lag:
 
 
 def lag(command: np.ndarray, measured: np.ndarray, period: float) -> Lag | None:
-    """The lag between two channels (T,) of rows ``period`` s apart; None where they do not correlate or hardly vary.
+    """Estimate the lag of a measured input behind its command.
 
-    Rows that are missing are NaN: what they would be compared with does not count.
+    Args:
+        command: commanded values (T,), NaN in missing rows.
+        measured: measured values (T,) in the same unit, NaN in missing rows.
+        period: of the rows, s.
+
+    Returns:
+        The lag; None where the two do not correlate or hardly vary.
+
     """
     latest = max(10, round(_LONGEST_LAG / period))
     inner = command[-_EARLIEST : len(command) - latest]
@@ -81,15 +109,24 @@ def lag(command: np.ndarray, measured: np.ndarray, period: float) -> Lag | None:
     best = int(np.argmin(misfits))
     if misfits[best] > 0.5:
         return None
-    vertex = 0.0
+    vertex = 0.0  # of the parabola through the best lag and its neighbours, in rows
     if 0 < best < len(misfits) - 1:
         left, middle, right = misfits[best - 1 : best + 2]
-        vertex = 0.5 * (left - right) / (left - 2 * middle + right) if left + right > 2 * middle else 0.0
+        if left + right > 2 * middle:
+            vertex = 0.5 * (left - right) / (left - 2 * middle + right)
     return Lag(lags[best], (lags[best] + vertex) * period, slopes[best], misfits[best], misfits[1 - _EARLIEST])
 
 
 def lags(log: Log) -> dict[str, Lag]:
-    """The lag of each measured current or torque behind its command, by the measured channel's name."""
+    """Estimate the lag of each measured current or torque behind its command.
+
+    Args:
+        log: with times in s.
+
+    Returns:
+        Lags by the measured channel's name.
+
+    """
     found = {}
     for commanded, measured in PAIRS:
         for joint in range(1, log.n_joints + 1):
@@ -115,8 +152,18 @@ def _spread(log: Log, names: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
 def measured_against_command(
     log: Log, found: Mapping[str, Lag], machine: Machine, behind: Mapping[str, float]
 ) -> list[Finding]:
-    """Scale of a measured channel against its command, and the row in which it shows it; ``behind`` says how many rows
-    the motion is behind each measured input (`effort.behind`)."""
+    """Check the scale of each measured input against its command, and the row in which it shows it.
+
+    Args:
+        log: to be checked.
+        found: the lags of its measured inputs, by name.
+        machine: facts of the robot.
+        behind: rows that the motion is behind each measured input, by name.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     for commanded, measured in PAIRS:
         for joint in range(1, log.n_joints + 1):
@@ -128,6 +175,7 @@ def measured_against_command(
 
 
 def _scale(one: Lag, command: str, name: str, ratio: float, joint: int) -> list[Finding]:
+    """Whether a measured input is in another unit than its command, or at the joint's side of the gear."""
     says = f"{name} is {one.slope:.4g} times its command"
     for factor, what, who in ((1e3, "mA against A", name), (1e-3, "A against mA", command)):
         if 0.5 < one.slope / factor < 2 and "current" in name:
@@ -159,15 +207,17 @@ def _row(log: Log, one: Lag, command: str, name: str, joint: int, behind: float)
         )
         return [Finding(Severity.NOTE, "row_shift", joint, sentence)]
     if one.rows <= 0 and one.misfit < _CLEAR * one.usual:
-        early = 1 - one.rows
-        shown = f"k+{-one.rows}" if one.rows else "k"
+        early, shown = 1 - one.rows, "k"
+        if one.rows:
+            shown = f"k+{-one.rows}"
         sentence = (
             f"{name} shows in row k the command of row {shown}, before it can have acted; set shift_rows = {-early} "
             f"under [{command}] (it is logged late) or shift_rows = {early} under [{name}] (it is logged early), "
             "in columns.toml."
         )
-        late = early >= _TOLD and behind > -early / 2  # the motion follows the measurement as it stands
-        repair = {command: {"shift_rows": -early}} if late else {name: {"shift_rows": early}}
+        repair = {name: {"shift_rows": early}}
+        if early >= _TOLD and behind > -early / 2:  # the motion follows the measurement as it stands
+            repair = {command: {"shift_rows": -early}}
         return [Finding(Severity.REFUSE, "row_shift", joint, sentence, repair)]
     if one.rows == 2 and one.misfit < 0.8 * one.usual:
         sentence = (

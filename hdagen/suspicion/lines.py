@@ -1,7 +1,7 @@
-"""Lines of the measured current or torque that repeat with the motor's turns: what a loop makes up for, it shows.
+"""A check for lines of the measured current or torque that repeat with the motor's turns.
 
-A loop that holds a speed cancels cogging and ripple before the joint moves, so positions hardly tell of them and what
-drives the motor does. Over the motor's angle such a line stands at a whole number of cycles a turn.
+A loop that holds a speed cancels cogging and ripple before the joint moves. So positions hardly show them, but the
+motor's input does. Over the motor's angle such a line stands at a whole number of cycles a turn.
 
 Legend: k cycles a turn of the motor; θ its angle.
 """
@@ -18,40 +18,53 @@ from hdagen.log import Log
 from hdagen.stretches import stretches
 from hdagen.suspicion.finding import Finding, Machine, Severity
 
-_MOST = 40  # cycles a turn
+_MOST = 40  # cycles a turn, largest that is searched
 _SMOOTH = 0.02  # s of the parabolas that take the encoder's steps out of θ
-_MOVES = 0.5  # of the usual speed, above which a stretch counts
-_TURNS = 16.0  # least: a window of fewer has no place between two lines
-_BESIDE = np.array([0.3, 0.34, 0.38, 0.42, 0.46])  # cycles away, on both sides, where no line is
+_MOVES = 0.5  # of the rms speed, above which a stretch counts
+_TURNS = 16.0  # least turns of a stretch: a window of fewer does not resolve two lines
+_BESIDE = np.array([0.3, 0.34, 0.38, 0.42, 0.46])  # cycles a turn beside a line, where the background is
 _CLEAR = 5.0  # times the median beside it, above which an amplitude is a line: of 400 logs of noise 8 have one
-_NYQUIST = 0.4  # cycles a row at most
+_NYQUIST = 0.4  # largest cycles a row
 _TREND = 3  # degree of the polynomial that is taken off a stretch
 _NAMED = 5  # lines at most
-_PERIODS = 3.5  # without a row, over which a stretch goes on
+_PERIODS = 3.5  # longest pause without a row, in periods, within a stretch
 _EVEN = 0.1  # spread of the speed, relative, below which a line of time looks the same
 
 
 def cycles(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: Sequence[int]) -> list[Finding]:
-    """The lines of the measured inputs of ``joints``."""
+    """Find lines of the measured inputs over the motor's angle.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        machine: facts of the robot.
+        joints: numbers of the joints that are checked.
+
+    Returns:
+        A finding for each input that has lines.
+
+    """
     findings = []
     for joint in joints:
         name = next((n for n in (f"motor_current_{joint}", f"motor_torque_{joint}") if n in channels), None)
         if name is None or channels[name].constant:
             continue
         angle = _angle(log, channels, machine, joint)
-        found = {} if angle is None else _lines(log, log[name], angle)
-        if angle is None or not found:
+        if angle is None:
             continue
-        unit = "A" if "current" in name else "N m"
+        found = _lines(log, log[name], angle)
+        if not found:
+            continue
+        unit = "N m"
+        if "current" in name:
+            unit = "A"
         strongest = sorted(found, key=lambda k: -found[k])[:_NAMED]
         listed = ", ".join(f"{k} ({found[k]:.3g} {unit})" for k in sorted(strongest))
         speed = np.abs(np.gradient(angle, log.time))
         steady = speed[speed > _MOVES * np.sqrt(np.mean(speed**2))]
-        same = (
-            " At this one speed a line of time looks the same; record a second one."
-            if np.std(steady) < _EVEN * np.mean(steady)
-            else ""
-        )
+        same = ""
+        if np.std(steady) < _EVEN * np.mean(steady):
+            same = " At this one speed a line of time looks the same; record a second one."
         sentence = (
             f"{name} has lines at {listed} cycles a turn of the motor: cogging, ripple, or an error of the encoder, as "
             f"far as the loop makes up for it.{same}"
@@ -61,7 +74,7 @@ def cycles(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: 
 
 
 def _angle(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> np.ndarray | None:
-    """θ (T,), smoothed; None where nothing tells it, or the joint slides."""
+    """θ (T,), smoothed; None where no position moves, or the joint slides."""
     for name, ratio in ((f"motor_position_{joint}", 1.0), (f"joint_position_{joint}", machine.ratios[joint - 1])):
         reach = max(round(0.5 * _SMOOTH / log.period), 1)
         if name in channels and channels[name].moves and not machine.prismatic[joint - 1] and len(log) > 2 * reach:
@@ -70,9 +83,9 @@ def _angle(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: i
 
 
 def _smooth(values: np.ndarray, reach: int) -> np.ndarray:
-    """Of parabolas through ``reach`` rows each way (T,); at the ends, of the first and the last."""
+    """Values (T,) of parabolas through ``reach`` rows each way; at the ends, of the first and the last parabola."""
     places = np.arange(-reach, reach + 1)
-    fit = np.linalg.pinv(np.vander(places, 3))  # of the rows of a window: its parabola's coefficients
+    fit = np.linalg.pinv(np.vander(places, 3))  # takes the rows of a window to the coefficients of its parabola
     within = np.convolve(values, fit[2][::-1], "valid")
     first, last = (
         np.polyval(fit @ values[rows], at)
@@ -104,6 +117,10 @@ def _lines(log: Log, values: np.ndarray, angle: np.ndarray) -> dict[int, float]:
     def amplitude(k: float) -> float:
         return float(2 * abs(np.sum((weight * left)[rows] * np.exp(-1j * k * angle[rows]))) / weight[rows].sum())
 
-    found = {k: amplitude(k) for k in range(1, most + 1)}
-    beside = {k: np.median([amplitude(k + side * d) for d in _BESIDE for side in (-1, 1)]) for k in found}
-    return {k: size for k, size in found.items() if size > _CLEAR * beside[k]}
+    found = {}
+    for k in range(1, most + 1):
+        size = amplitude(k)
+        beside = np.median([amplitude(k + side * d) for d in _BESIDE for side in (-1, 1)])
+        if size > _CLEAR * beside:
+            found[k] = size
+    return found

@@ -1,5 +1,5 @@
-"""Rows that were misread: a current that no drive gives, a position that leaps there and back, a reading that is that
-of the row before once more while the joint moves on. They are as good as rows without a value."""
+"""Outliers: rows with a current that no drive gives, with a position that leaps there and back, or with a reading that
+repeats the row before while the joint moves on. Such rows count as rows without a value."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from hdagen.log import Log, gaps
 from hdagen.stretches import stretches
 from hdagen.suspicion.inputs import INPUTS, PAIRS, UNSTATED_CURRENT, known
 
-_MOST = 0.99  # share of the rows that say what a current is
-_FAR, _APART = 2.0, 5.0  # times the largest stated current, and times what most rows keep within: no drive gives that
-_LEAP = 5.0  # times the fastest move of a row that lasts: no drive moves so
-_LOUD = 20.0  # noise that a leap is, too
-_SIDES = 2  # rows beside one, of which the median says how fast it moves
-_BACK = 3  # rows after which a leap that comes back is no new place
-_NEAR = 0.03  # share of a period, that a leap may be off from it
-_STEPS = 10.0  # noise or steps that a row moves: it cannot stand still in the next
-_GONE = 0.1  # share of its range, by which the other encoder goes while one stands
-_HELD = 0.05  # s at one value, from which a measured current that is not told to stay has stopped telling
-_TOLD = 0.05, 4.0  # of the command's range, and noise of the measurement, that the command moves by meanwhile
+_MOST = 0.99  # share of the rows whose largest current is the usual largest one
+_FAR, _APART = 2.0, 5.0  # times the largest stated current, and the usual largest one: no drive gives more
+_LEAP = 5.0  # times the fastest usual move of a row: no drive moves so fast
+_LOUD = 20.0  # times the noise, that a leap must reach, too
+_SIDES = 2  # rows on each side of one, whose median move is the usual one
+_BACK = 3  # rows within which a leap must come back to count as a glitch
+_NEAR = 0.03  # tolerance of a leap to the period of an encoder, relative
+_STEPS = 10.0  # times the noise or step, that a joint must move a row so that it cannot stand still in the next
+_GONE = 0.1  # share of its range that the other encoder moves while one stands still
+_HELD = 0.05  # s at one value, from which a measured current whose command moves has frozen
+_TOLD = 0.05, 4.0  # least move of the command meanwhile: share of its range, and times the measurement's noise
 
 
 @dataclass(frozen=True, eq=False)
 class Misread:
-    """Rows (T,) of one channel that were misread: a stable name of how, the joint, and a sentence with numbers."""
+    """Rows (T,) of one channel that were misread: a stable name of the kind, the joint, and a sentence with numbers."""
 
     name: str
     joint: int
@@ -39,8 +39,16 @@ class Misread:
 
 
 def misread(log: Log, max_currents: Sequence[float | None]) -> Iterator[Misread]:
-    """What was misread, ``max_currents`` being what the robot file states of each joint (A, or None; joint 0 in the
-    answer: every channel). ``log`` is finite."""
+    """Find the rows of a log that were misread.
+
+    Args:
+        log: with finite values.
+        max_currents: of each joint, A; None where the robot file states none.
+
+    Yields:
+        Rows of one channel, or of every channel, as joint 0.
+
+    """
     gap, stale = after_gaps(log.time), dict[str, np.ndarray]()
     for joint, stated in enumerate(max_currents, 1):
         for name in (f"{base}_{joint}" for base in INPUTS if "current" in base and f"{base}_{joint}" in log):
@@ -48,7 +56,10 @@ def misread(log: Log, max_currents: Sequence[float | None]) -> Iterator[Misread]
                 yield found
         sides = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in log]
         places = [Place.of(describe(name, log[name]), log[name], gap) for name in sides]
-        for place, other in zip(places, places[::-1] if len(places) > 1 else [None] * len(places), strict=True):
+        others: list[Place | None] = [None] * len(places)
+        if len(places) > 1:
+            others = [*places[::-1]]
+        for place, other in zip(places, others, strict=True):
             if place.channel.moves:
                 stale[place.channel.name] = _stale(place, other)
                 if (found := _glitches(log, joint, place)) is not None:
@@ -66,7 +77,15 @@ def misread(log: Log, max_currents: Sequence[float | None]) -> Iterator[Misread]
 
 
 def after_gaps(time: np.ndarray) -> np.ndarray:
-    """Which rows (T,) come after a gap."""
+    """Mark the rows that come after a gap.
+
+    Args:
+        time: of the rows (T,), s.
+
+    Returns:
+        A mask (T,).
+
+    """
     rows = np.zeros(len(time), bool)
     rows[gaps(time)[0] + 1] = True
     return rows
@@ -74,8 +93,11 @@ def after_gaps(time: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A position, its ``values`` (T,): rows ``leaping`` away from the row before, by how much every row is ``off`` from
-    the moves around it (T,), and the ``path`` (T,) without that."""
+    """The track of a position: its ``values`` (T,), and the rows ``leaping`` away from the row before.
+
+    ``off`` (T,) is each row's move less the usual move around it, ``path`` (T,) the sum of the usual moves, both in the
+    unit of the values.
+    """
 
     channel: Channel
     values: np.ndarray
@@ -85,7 +107,17 @@ class Place:
 
     @classmethod
     def of(cls, channel: Channel, values: np.ndarray, after_gap: np.ndarray) -> Place:
-        """``values`` (T,) of a channel; what comes in rows ``after_gap`` (T,) is no leap."""
+        """Measure the track of a position.
+
+        Args:
+            channel: its statistics.
+            values: its samples (T,).
+            after_gap: mask (T,) of rows after a gap, which never count as leaps.
+
+        Returns:
+            The track.
+
+        """
         moves = np.diff(values, prepend=values[0])
         around = np.lib.stride_tricks.sliding_window_view(np.pad(moves, _SIDES, mode="edge"), 2 * _SIDES + 1)
         usual = np.median(around, axis=1)
@@ -95,8 +127,15 @@ class Place:
 
 
 def wrapping(leap: float) -> float | None:
-    """The period of an encoder that leaps so far where it wraps: a turn in rad, deg and turns, powers of two in counts;
-    None where that is none."""
+    """Find the period of an encoder from its leap where it wraps.
+
+    Args:
+        leap: its size, in the unit of the log.
+
+    Returns:
+        A turn in rad, degrees or turns, or a power of two in counts; None where the leap is none of these.
+
+    """
     periods = (2 * math.pi, 360.0, 1.0, *(2.0**k for k in range(8, 33)))
     return next((period for period in periods if abs(leap / period - 1) < _NEAR), None)
 
@@ -124,7 +163,9 @@ def _stale(place: Place, other: Place | None) -> np.ndarray:
     moves, least = np.diff(values), _STEPS * max(channel.noise, channel.step)
     inner = (values[1:] > channel.low) & (values[1:] < channel.high)  # at an end a sensor's range may have ended
     catching_up = {int(row) for row in place.leaping if not wrapping(abs(place.off[row]))}
-    far = _GONE * float(np.ptp(other.path)) if other else np.inf
+    far = np.inf
+    if other is not None:
+        far = _GONE * float(np.ptp(other.path))
     stale = np.zeros(len(values), bool)
     for start, stop in stretches((moves == 0.0) & inner):  # rows start + 1 to stop; stop + 1 catches up
         before, after = moves[max(start - _SIDES, 0) : start], moves[stop + 1 : stop + 1 + _SIDES]
@@ -148,20 +189,24 @@ def _held(log: Log, command: str, name: str) -> np.ndarray:
     return rows
 
 
-def _repeats(log: Log, what: str, rows: np.ndarray) -> str:
+def _repeats(log: Log, name: str, rows: np.ndarray) -> str:
     runs = stretches(rows)
     return (
-        f"{what} repeats the row before in {np.count_nonzero(rows)} row(s), {np.diff(runs).max()} on end at most, "
+        f"{name} repeats the row before in {np.count_nonzero(rows)} row(s), {np.diff(runs).max()} on end at most, "
         f"first in row {runs[0][0] + 1} ({log.time[runs[0][0]]:.6g} s), while the joint or its command moves on"
     )
 
 
 def _spikes(log: Log, name: str, joint: int, stated: float | None) -> Misread | None:
-    """The few rows in which a current is far beyond both the drive (``stated``, A) and nearly all other rows: the
-    logger's or the bus's error. They say nothing of the column's unit: in mA, nearly all are large."""
-    size = np.abs(log[name])
+    """The few rows in which a current is far beyond both the drive (``stated``, A) and nearly all other rows.
+
+    They are errors of the logger or the bus. In mA, by contrast, nearly all rows are large.
+    """
+    size, drive = np.abs(log[name]), UNSTATED_CURRENT
+    if stated:
+        drive = _FAR * stated
     most = float(np.quantile(size, _MOST))
-    rows = size > max(_FAR * stated if stated else UNSTATED_CURRENT, _APART * most)
+    rows = size > max(drive, _APART * most)
     if not rows.any():
         return None
     sentence = (

@@ -1,10 +1,9 @@
-"""Mistakes that positions give away: an encoder that wraps, units, signs, the gear's wrong side, swapped joints."""
+"""Checks of positions: an encoder that wraps, lost rows, units, signs, the gear's wrong side, swapped joints."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -14,19 +13,31 @@ from hdagen.determined import is_determined
 from hdagen.log import Log, gaps
 from hdagen.suspicion.finding import Finding, Machine, Severity, in_words
 from hdagen.suspicion.misread import Place, after_gaps, wrapping
+from hdagen.suspicion.relations import (
+    DEGREES_PER_RADIAN,
+    both_encoders_move,
+    check_derivative,
+    compare_signals,
+    explain_slopes,
+)
 
-_DEGREE = 180 / math.pi
 _TWICE = 1.7, 3.3  # times the usual move of a row where one or two rows before it were lost
-_LOST = 0.003  # share of rows
+_LOST = 0.003  # least share of the moving rows, from which rows were lost
 _FOLLOWS = 0.95  # correlation from which a position follows a reference
-_RELATED, _CLOSE = 0.7, 0.9  # correlation of a velocity with a derivative, from which it is its own; of a good one
-_PLAIN = 10.0, 100.0, 1000.0, 60.0, 2 * math.pi, 30 / math.pi  # factors between units
-_PLAINLY = 1.02  # times such a factor, that count as it
 _TURNS = 25.0  # rad; a joint that spans more turns like a wheel, or is logged in degrees
 
 
 def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Measured positions that leap in one row, and stay where they are then: a wrapped encoder, or one set anew."""
+    """Find positions that leap in one row and stay there: a wrapped encoder, or one that was set anew.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     gap = after_gaps(log.time)
     for name, channel in channels.items():
@@ -60,8 +71,18 @@ def jumps(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
 
 
 def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Rows in which all moving positions go two or three times as far as in the rows around, though time says nothing:
-    rows were lost before they were numbered."""
+    """Find rows that were lost before they were numbered.
+
+    All moving positions go two or three times as far there as in the rows around, while time runs on evenly.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+
+    Returns:
+        The findings.
+
+    """
     ratios = []
     whole = np.ones(len(log) - 1, bool)
     whole[gaps(log.time)[0]] = False
@@ -80,7 +101,7 @@ def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
         f(np.where(np.isfinite(ratios), ratios, default), axis=0) for f, default in ((np.min, 9.0), (np.max, -9.0))
     )
     double = seen & (low > _TWICE[0]) & (high < _TWICE[1])
-    opposite = seen & (low > -_TWICE[1] + 2) & (high < 2 - _TWICE[0])  # as far off to the other side: a shaky motion
+    opposite = seen & (low > -_TWICE[1] + 2) & (high < 2 - _TWICE[0])  # as far off to the other side: shaky
     lost, shaky = np.count_nonzero(double), np.count_nonzero(opposite)
     if lost < 5 or lost < _LOST * np.count_nonzero(seen) or lost < 5 * shaky:
         return []
@@ -94,7 +115,17 @@ def lost_rows(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
 
 
 def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -> list[Finding]:
-    """Joints in ``sound`` that span more than a joint can: degrees."""
+    """Check that joints span no more than a joint can; otherwise they are in degrees.
+
+    Args:
+        channels: statistics of the log's columns, by name.
+        machine: facts of the robot.
+        sound: numbers of the joints that count.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     for joint, (prismatic, limits) in enumerate(zip(machine.prismatic, machine.position_limits, strict=True), start=1):
         name = f"joint_position_{joint}"
@@ -127,14 +158,23 @@ def spans(channels: Mapping[str, Channel], machine: Machine, sound: list[int]) -
 
 
 def steps(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
-    """The quantisation seen against the resolution that the robot file states."""
+    """Check the encoders' steps against the resolution that the robot file states.
+
+    Args:
+        channels: statistics of the log's columns, by name.
+        machine: facts of the robot.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     for name, stated in machine.resolutions.items():
         if name not in channels or not channels[name].step or not stated:
             continue
         seen, joint = channels[name].step, int(name.rpartition("_")[2])
         says = f"{name} moves in steps of {seen:.4g}, the robot file states {stated:.4g}"
-        if abs(seen / stated / _DEGREE - 1) < 0.03:
+        if abs(seen / stated / DEGREES_PER_RADIAN - 1) < 0.03:
             degrees = {name: {"unit": "deg"}}
             sentence = f"{says}: degrees; set {in_words(degrees)} in columns.toml."
             findings.append(Finding(Severity.REFUSE, "degrees", joint, sentence, degrees))
@@ -145,9 +185,20 @@ def steps(channels: Mapping[str, Channel], machine: Machine) -> list[Finding]:
 
 
 def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> list[Finding]:
-    """Motor against joint position: their slope is the ratio, or it says what is wrong."""
+    """Compare the motor's position with the joint's: another slope than the ratio shows the mistake.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        machine: facts of the robot.
+        joint: its number, from 1.
+
+    Returns:
+        The findings.
+
+    """
     motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
-    if motor not in channels or link not in channels or not (channels[motor].moves and channels[link].moves):
+    if not both_encoders_move(channels, joint):
         return []
     ratio = machine.ratios[joint - 1]
     slope, correlation = relation(log[link], log[motor])
@@ -159,9 +210,9 @@ def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint:
         return [Finding(Severity.REFUSE, "unrelated", joint, sentence)]
     if abs(slope / ratio - 1) < 0.1:
         return []
-    for expected, name, what, repair in _explanations(ratio, motor, link, machine.prismatic[joint - 1]):
+    for expected, name, mistake, repair in explain_slopes(ratio, motor, link, machine.prismatic[joint - 1]):
         if abs(slope / expected - 1) < 0.05:
-            says = f"{motor} moves {slope:.4g} times as far as {link}, ratio {ratio:g}: {what}"
+            says = f"{motor} moves {slope:.4g} times as far as {link}, ratio {ratio:g}: {mistake}"
             does = in_words(repair) or f"sign = -1 under [{motor}] or [{link}]"
             return [Finding(Severity.REFUSE, name, joint, f"{says}; set {does} in columns.toml.", repair)]
     sentence = (
@@ -171,31 +222,19 @@ def encoders(log: Log, channels: Mapping[str, Channel], machine: Machine, joint:
     return [Finding(Severity.REFUSE, "ratio", joint, sentence)]
 
 
-Explanation = tuple[float, str, str, dict[str, dict[str, Any]]]
-
-
-def _explanations(ratio: float, motor: str, link: str, prismatic: bool) -> Iterator[Explanation]:
-    """Slopes of motor over joint position that a mistake gives: the slope, the finding, what it is, and its repair."""
-    side, degrees = {"joint_side_ratio": ratio}, {"unit": "deg"}
-    yield -ratio, "reversed", "one of them is reversed", {}
-    yield 1.0, "joint_scale", "the motor angle is logged at joint scale", {motor: side}
-    yield -1.0, "joint_scale", "the motor angle is at joint scale and reversed", {motor: {**side, "sign": -1}}
-    yield ratio * _DEGREE, "degrees", "the motor angle is in degrees", {motor: degrees}
-    yield ratio / (2 * math.pi), "units", "the motor angle is in turns", {motor: {"unit": "turn"}}
-    if prismatic:
-        yield ratio / 1000, "units", "the joint position is in mm", {link: {"unit": "mm"}}
-        return
-    yield ratio / _DEGREE, "degrees", "the joint angle is in degrees", {link: degrees}
-    yield ratio * 2 * math.pi, "units", "the joint angle is in turns", {link: {"unit": "turn"}}
-    both = "the motor angle is in degrees and at joint scale"
-    yield _DEGREE, "degrees", both, {motor: {**degrees, **side}}
-    both = "the motor angle is at joint scale and the joint angle in degrees"
-    yield 1 / _DEGREE, "degrees", both, {motor: side, link: degrees}
-
-
 def rates(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: int) -> list[Finding]:
-    """Logged velocities against the derivative of the position of the same side: one that contradicts it is to be left
-    out, or scaled where the factor is plain."""
+    """Check logged velocities against the derivative of the position of the same side.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        machine: facts of the robot.
+        joint: its number, from 1.
+
+    Returns:
+        Findings; a velocity that contradicts its position is left out, or scaled where the factor is that of a unit.
+
+    """
     findings: list[Finding] = []
     for side in ("motor", "joint"):
         position, velocity = f"{side}_position_{joint}", f"{side}_velocity_{joint}"
@@ -204,36 +243,28 @@ def rates(log: Log, channels: Mapping[str, Channel], machine: Machine, joint: in
         grid = even(log.time)
         rate, logged = grid.rate(grid.smooth(log[position])), grid.smooth(log[velocity])
         if np.std(logged) > 0:
-            same = _same(rate, logged, velocity, position, "/s", joint)
+            same = compare_signals(rate, logged, velocity, position, "/s", joint)
             refused = [finding for finding in same if finding.severity is Severity.REFUSE]
-            plain = (*_PLAIN, machine.ratios[joint - 1])
-            findings += refused or _contradicted(relation(rate, logged), velocity, position, plain, joint)
+            ratio = machine.ratios[joint - 1]
+            findings += refused or check_derivative(relation(rate, logged), velocity, position, ratio, joint)
     return findings
 
 
-def _contradicted(
-    related: tuple[float, float], velocity: str, position: str, plain: tuple[float, ...], joint: int
-) -> list[Finding]:
-    """A finding where a velocity is not the derivative of its position, ``related`` by slope and correlation. Noise of
-    the derivative makes the slope smaller, by the square of the correlation at most."""
-    slope, correlation = related
-    most = 1.25 if correlation > _CLOSE else 2.0
-    if correlation >= _RELATED and 1 / most < slope < most:
-        return []
-    factor = next((f for one in plain for f in (one, 1 / one) if 1 / _PLAINLY < slope / f < _PLAINLY), None)
-    repair: dict[str, Any] = {"ignore": [velocity]}
-    if factor is not None and correlation > _CLOSE:
-        repair = {velocity: {"scale": float(f"{1 / factor:.9g}")}}
-    sentence = (
-        f"{velocity} contradicts {position}: it is {slope:.3g} times its derivative (correlation {correlation:.2f}); "
-        f"set {in_words(repair)} in columns.toml."
-    )
-    return [Finding(Severity.WARN, "contradicted", joint, sentence, repair)]
-
-
 def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Finding]:
-    """The reference against the joint's position. A weak drive does not reach it, which is no mistake: only that
-    another joint follows it is worth a warning."""
+    """Check the reference against the joint's position.
+
+    A weak drive does not reach its reference, which is no mistake: only another joint that follows it is worth a
+    warning.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        joint: its number, from 1.
+
+    Returns:
+        The findings.
+
+    """
     position, reference = f"joint_position_{joint}", f"joint_position_reference_{joint}"
     if position not in channels or reference not in channels or not channels[position].moves:
         return []
@@ -244,7 +275,7 @@ def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Fin
         for j in range(1, log.n_joints + 1)
         if j != joint and (name := f"joint_position_{j}") in channels and channels[name].moves
     }
-    findings = _same(log[position], log[reference], reference, position, "", joint)
+    findings = compare_signals(log[position], log[reference], reference, position, "", joint)
     if any(finding.name == "unrelated" for finding in findings) and max(others.values(), default=0.0) > _FOLLOWS:
         other = max(others, key=lambda name: others[name])
         sentence = (
@@ -252,44 +283,23 @@ def reference(log: Log, channels: Mapping[str, Channel], joint: int) -> list[Fin
             "joint's? Then correct 'from' in columns.toml."
         )
         return [Finding(Severity.WARN, "unrelated", joint, sentence)]
-    return [Finding(Severity.NOTE, f.name, f.joint, f.sentence) if f.severity is Severity.WARN else f for f in findings]
-
-
-def _same(expected: np.ndarray, found: np.ndarray, name: str, position: str, per: str, joint: int) -> list[Finding]:
-    """A finding where ``found`` follows ``expected``, from ``position``, but reversed or in degrees; or not at all."""
-    slope, correlation = relation(expected, found)
-    other = f"the derivative of {position}" if per else position
-    if abs(correlation) < 0.7:
-        sentence = (
-            f"{name} hardly follows {other} (correlation {correlation:.2f}): another joint's, or a drive that does not "
-            "reach it; if it is another's, correct 'from' in columns.toml."
-        )
-        return [Finding(Severity.WARN, "unrelated", joint, sentence)]
-    mistakes: tuple[Explanation, ...] = (
-        (-1.0, "reversed", "reversed", {name: {"sign": -1}}),
-        (_DEGREE, "degrees", "in degrees", {name: {"unit": f"deg{per}"}}),
-        (1 / _DEGREE, "degrees", "the position is in degrees", {position: {"unit": "deg"}}),
-    )
-    for factor, finding, what, repair in mistakes:
-        if 0.5 < slope / factor < 2:  # a reference that is badly followed is larger, and no other mistake is near
-            sentence = f"{name} is {slope:.3g} times {other}: {what}; set {in_words(repair)} in columns.toml."
-            return [Finding(Severity.REFUSE, finding, joint, sentence, repair)]
-    if not 0.5 < slope < 2:
-        sentence = (
-            f"{name} is {slope:.3g} times {other}: another unit, another joint's, or a drive that does not reach it; "
-            "correct columns.toml in the first cases."
-        )
-        return [Finding(Severity.WARN, "units", joint, sentence)]
-    return []
+    noted = [Finding(Severity.NOTE, f.name, f.joint, f.sentence) for f in findings if f.severity is Severity.WARN]
+    return [*noted, *(f for f in findings if f.severity is not Severity.WARN)]
 
 
 def swapped_encoders(log: Log, channels: Mapping[str, Channel], sound: list[int]) -> list[Finding]:
-    """Pairs of joints in ``sound`` whose motor encoder follows the other one's joint encoder."""
-    joints = [
-        j
-        for j in sound
-        if all(name in channels and channels[name].moves for name in (f"motor_position_{j}", f"joint_position_{j}"))
-    ]
+    """Find pairs of joints whose motor encoders follow each other's joint encoders.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        sound: numbers of the joints that count.
+
+    Returns:
+        The findings.
+
+    """
+    joints = [joint for joint in sound if both_encoders_move(channels, joint)]
     follows = {
         (i, j): abs(relation(log[f"joint_position_{j}"], log[f"motor_position_{i}"])[1]) for i in joints for j in joints
     }
@@ -305,12 +315,25 @@ def swapped_encoders(log: Log, channels: Mapping[str, Channel], sound: list[int]
 
 
 def skews(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: list[int]) -> list[Finding]:
-    """How much later the joint's encoder reads than the motor's, from the part of their difference that goes with
-    speed. No mistake by itself: the diagnosis has it among its candidates."""
+    """Measure how much later the joint's encoder reads than the motor's, by the part of their difference that is
+    proportional to speed.
+
+    A skew is no mistake by itself: the diagnosis has it among its candidates.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        machine: facts of the robot.
+        joints: numbers of the joints that count.
+
+    Returns:
+        A finding for each joint with a skew of more than a row.
+
+    """
     found = {}
     for joint in joints:
         motor, link = f"motor_position_{joint}", f"joint_position_{joint}"
-        if motor not in channels or link not in channels or not (channels[motor].moves and channels[link].moves):
+        if not both_encoders_move(channels, joint):
             continue
         grid = even(log.time)
         position = grid.smooth(log[link])
@@ -325,15 +348,14 @@ def skews(log: Log, channels: Mapping[str, Channel], machine: Machine, joints: l
         delay = np.linalg.lstsq(matrix, twist[:: grid.width], rcond=1e-9)[0][0] / np.abs(speed[:: grid.width]).max()
         if abs(delay) > log.period:
             found[joint] = float(delay)
-    equal = len(found) == len(joints) > 1 and np.ptp(list(found.values())) < 0.2 * abs(np.mean(list(found.values())))
-    why = " alike on all joints: the encoders' clocks differ" if equal else " a late encoder, or a joint that bends so"
-    return [
-        Finding(
-            Severity.NOTE,
-            "skew",
-            joint,
-            f"joint_position_{joint} reads {1e3 * abs(delay):.3g} ms {'later' if delay > 0 else 'earlier'} than "
-            f"motor_position_{joint},{why}.",
-        )
-        for joint, delay in found.items()
-    ]
+    delays, why = list(found.values()), "a late encoder, or a joint that bends so"
+    if len(found) == len(joints) > 1 and np.ptp(delays) < 0.2 * abs(np.mean(delays)):
+        why = "alike on all joints: the encoders' clocks differ"
+    findings = []
+    for joint, delay in found.items():
+        order = "earlier"
+        if delay > 0:
+            order = "later"
+        sentence = f"joint_position_{joint} reads {1e3 * abs(delay):.3g} ms {order} than motor_position_{joint}, {why}."
+        findings.append(Finding(Severity.NOTE, "skew", joint, sentence))
+    return findings

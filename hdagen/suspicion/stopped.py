@@ -1,4 +1,4 @@
-"""Mistakes of channels that stopped telling: one that stands while its joint moves, and readings cut off at a bound."""
+"""Checks for channels that are frozen while their joint moves, and for readings that are saturated at a bound."""
 
 from __future__ import annotations
 
@@ -15,17 +15,26 @@ from hdagen.suspicion.inputs import INPUTS, PAIRS
 
 _INPUT_RUN, _POSITION_RUN = 0.01, 0.03  # s at one value that count; a slow encoder stands still at a reversal
 _ROWS = 5
-_NEAR = 4  # rows from which the speed beside a run is taken
+_NEAR = 4  # rows beside a run, whose median move is its speed
 _FAST = 0.2  # share of the usual speed from which a motion is not about to turn
 _ABRUPT = 2.0  # times the largest change of speed elsewhere in the log
-_MOST, _NOISES = 0.95, 4.0  # share of rows in which a measurement is its command, to so many deviations of its noise
+_MOST, _NOISES = 0.95, 4.0  # share of rows in which a measurement is its command, within so many times its noise
 _PASSIVE = 0.25  # share of the strongest joint's input that a joint which is not driven may read
-_BEYOND = 3.0  # times the fit's own error that the motion asks for, where an input is cut off
-_SHARE = 0.05  # of the bound, too
+_BEYOND = 3.0  # times the fit's error, by which the motion must require more than a saturated input
+_SHARE = 0.05  # of the bound, by which it must do so, too
 
 
 def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
-    """An encoder or an input that stays at one value while the joint moves."""
+    """Find encoders and inputs that stay at one value while their joint moves.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     for joint in range(1, log.n_joints + 1):
         sides = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in channels]
@@ -51,7 +60,7 @@ def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
 
 
 def _passive(log: Log, channels: Mapping[str, Channel], joint: int) -> bool:
-    """Whether a joint is commanded 0 all along and what is measured there is small beside the other joints'."""
+    """Whether a joint is commanded 0 all along, and its measured input is small beside the other joints'."""
     for commanded, measured in PAIRS:
         command, name = channels.get(f"{commanded}_{joint}"), f"{measured}_{joint}"
         if command is not None and command.low == command.high == 0.0 and name in log:
@@ -61,7 +70,7 @@ def _passive(log: Log, channels: Mapping[str, Channel], joint: int) -> bool:
 
 
 def _kept(log: Log, command: Channel, channels: Mapping[str, Channel], joint: int) -> bool:
-    """Whether a command that stays at one value is what was measured, but for noise and the rise to it."""
+    """Whether the measured input stays at the command's one value, but for noise and the rise to it."""
     for commanded, measured in PAIRS:
         found = channels.get(f"{measured}_{joint}")
         if command.name == f"{commanded}_{joint}" and found is not None:
@@ -70,6 +79,7 @@ def _kept(log: Log, command: Channel, channels: Mapping[str, Channel], joint: in
 
 
 def _unread(channel: Channel, other: str, joint: int) -> Finding:
+    """A finding that a channel is not read, as ``other`` moves meanwhile."""
     sentence = (
         f"{channel.name} stays at {channel.low:.5g} while {other}: it is not read; repair that and record again, or "
         f'leave it out with ignore = ["{channel.name}"] in columns.toml.'
@@ -78,9 +88,11 @@ def _unread(channel: Channel, other: str, joint: int) -> Finding:
 
 
 def _driven_by_nothing(inputs: list[Channel], joint: int) -> Finding:
-    """A joint that moves and whose input does not: pulled along by the others, falling or running out, else not
-    recorded; the robot's model tells (`against_model.driven`). What is measured has noise, so a measurement that stays
-    at one value is none."""
+    """A finding for a joint that moves while its input does not.
+
+    It may be pulled along by the others, fall or coast; otherwise its input was not recorded, which the robot's model
+    decides (`against_model.driven`). A measurement has noise, so an input at one value was not measured.
+    """
     constant = [c for c in inputs if c.constant]
     channel = next((c for c in constant if "_command_" not in c.name), constant[0])
     says = f"{channel.name} stays at {channel.low:.5g} while joint {joint} moves"
@@ -92,9 +104,17 @@ def _driven_by_nothing(inputs: list[Channel], joint: int) -> Finding:
 
 
 def cut_positions(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
-    """Positions that stand at an extreme and go on from it as fast as they came: a sensor's range had ended.
+    """Find positions that stand at an extreme and go on from it as fast as they came: the sensor's range has ended.
 
     A joint that sticks or strikes a stop has to be accelerated again, and is at rest before it moves off.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+
+    Returns:
+        The findings.
+
     """
     findings = []
     for joint in range(1, log.n_joints + 1):
@@ -113,8 +133,17 @@ def cut_positions(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
 
 
 def cut_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> list[Finding]:
-    """Inputs that stand at an extreme while the motion asks for more than that: the recording was cut off, not the
-    drive's input."""
+    """Find inputs that stand at an extreme while the motion requires more: the recording is saturated, not the drive.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        moving: the smoothed motion of the log.
+
+    Returns:
+        The findings.
+
+    """
     findings = []
     for one, joint in enumerate(moving.joints):
         for name in (f"{base}_{joint}" for base in INPUTS):
@@ -123,7 +152,9 @@ def cut_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> lis
             held = np.zeros(len(log), bool)
             for start, stop in _runs(log, name, _INPUT_RUN):
                 held[start:stop] = True
-            beyond = unexplained(log, moving, one, name, held) if held.any() else None
+            if not held.any():
+                continue
+            beyond = unexplained(log, moving, one, name, held)
             if beyond is None:
                 continue
             excess, error = beyond
@@ -148,8 +179,10 @@ def _runs(log: Log, name: str, shortest: float) -> list[tuple[int, int]]:
 
 
 def _cut_runs(log: Log, name: str) -> list[tuple[int, int]]:
-    """The runs at an extreme into and out of which the speed changes from one row to the next, and by far more than
-    anywhere else: no drive can do that twice in a row."""
+    """Runs at an extreme that the joint enters and leaves at full speed, from one row to the next.
+
+    The speed changes there by far more than anywhere else: no drive can do that twice in a row.
+    """
     values, runs = log[name], _runs(log, name, _POSITION_RUN)
     moves = np.diff(values) / np.maximum(np.rint(np.diff(log.time) / log.period), 1)
     usual = float(np.sqrt(np.mean(moves**2)))
