@@ -132,6 +132,7 @@ def robots(seed: str) -> tuple[TwoJointArm, ...]:
 
     Returns:
         The robots as their files state them.
+
     """
     return tuple(_robot(seed, at, gravity) for at, gravity in enumerate([(0.0, 0.0), (0.0, -9.81), (0.0, 0.0)]))
 
@@ -163,6 +164,7 @@ def cases(seed: str, kind: str, count: int) -> tuple[ArmCase, ...]:
 
     Returns:
         The cases, in an order that the seed decides; a larger ``count`` appends to them.
+
     """
     arms = robots(seed)
     return tuple(_case(seed, kind, index, arms) for index in range(count))
@@ -213,6 +215,7 @@ def scattered(robot: TwoJointArm, seed: int) -> list[dict[str, float]]:
 
     Returns:
         Base parameters of each joint by the keys of its tables, SI.
+
     """
     rng = stream(str(seed), "base")
     true = []
@@ -232,6 +235,7 @@ def parameters(case: ArmCase, ends: Mapping[int, Mapping[str, float]]) -> dict[t
 
     Returns:
         Parameters by effect and joint (from 1; 0 is the whole arm), SI.
+
     """
     truth = {(one.effect, one.joint): one.size for one in case.truth}
     found = {}

@@ -24,6 +24,7 @@ class Bar:
 
         Returns:
             True where the figure's value is on the right side of the bar, or on it.
+
         """
         if self.most:
             return found.value <= self.value

@@ -58,6 +58,7 @@ def write(path: Path, report: Report) -> None:
 
     Raises:
         OSError: the file cannot be written.
+
     """
     sections = [_figures(report)]
     if single(report.rows):
@@ -78,6 +79,7 @@ def verdict(report: Report) -> str:
 
     Returns:
         The leading figure of the check's kind, and the bars that were missed.
+
     """
     lead = LEADS.get(report.asked.kind, "effect")
     words = f"{WORDS[lead][0].upper()}{WORDS[lead][1:]}"

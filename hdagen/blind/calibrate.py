@@ -40,6 +40,7 @@ def data(rows: Sequence[Row], kind: str, seed_hash: str) -> str:
 
     Returns:
         JSON: of each case the log-odds of the leading hypothesis before calibration, and whether the verdict was right.
+
     """
     cases = []
     for row in rows:
@@ -89,6 +90,7 @@ def freeze(sources: Sequence[Path], out: Path) -> Calibration:
 
     Raises:
         CalibrationError: a file cannot be read, or the cases cannot be calibrated on; the message names every problem.
+
     """
     read_, problems = [_data(path) for path in sources], []
     log_odds = np.array([case["log_odds"] for one in read_ for case in one["cases"]], float)

@@ -50,6 +50,7 @@ def cases(seed: str, kind: str, count: int) -> tuple[Case, ...]:
 
     Returns:
         The cases, in an order that the seed decides; a larger ``count`` appends to them.
+
     """
     if kind == joints.KIND:
         return joints.cases(seed, count)

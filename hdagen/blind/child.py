@@ -44,6 +44,7 @@ def clean_environment(builds: Path) -> dict[str, str]:
 
     Returns:
         Environment variables by name.
+
     """
     known = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     return {**known, "PYTHONPATH": str(_PACKAGE), "HDAGEN_BUILD": str(builds.absolute())}
@@ -62,6 +63,7 @@ def ask(request: Mapping[str, Any], builds: Path, stop: threading.Event) -> dict
 
     Raises:
         ChildError: the log could not be made, or ``stop`` was set.
+
     """
     ended = run(MAKER, Path.cwd(), builds, stop, told=json.dumps(request))
     if ended.code:
@@ -92,6 +94,7 @@ def run(
 
     Raises:
         ChildError: the command took longer than ``most_seconds``, or ``stop`` was set.
+
     """
     start, pipe = time.monotonic(), subprocess.PIPE
     how = {"cwd": folder, "env": clean_environment(builds), "stdin": pipe, "stdout": pipe, "stderr": pipe, "text": True}

@@ -120,6 +120,7 @@ def compare(rows: Sequence[Row]) -> list[Line]:
 
     Returns:
         A line for each quantity of `COMPARED` that at least one right verdict states.
+
     """
     lines = []
     for one in COMPARED:

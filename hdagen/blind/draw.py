@@ -17,6 +17,7 @@ def stream(seed: str, *purpose: object) -> np.random.Generator:
 
     Returns:
         A generator that depends on ``seed`` and ``purpose`` alone.
+
     """
     return np.random.default_rng(int.from_bytes(digest(seed, *purpose), "big"))
 
@@ -30,6 +31,7 @@ def digest(seed: str, *purpose: object) -> bytes:
 
     Returns:
         SHA-256, 32 bytes.
+
     """
     return hashlib.sha256("\0".join([seed, *map(str, purpose)]).encode()).digest()
 
@@ -44,5 +46,6 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
     Returns:
         A number between ``low`` and ``high``, in their unit.
+
     """
     return float(math.exp(rng.uniform(math.log(low), math.log(high))))

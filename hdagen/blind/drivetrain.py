@@ -69,6 +69,7 @@ class Springs:
 
         Returns:
             Joint torque, N m.
+
         """
         size = abs(phi)
         if size >= self.end:
@@ -101,6 +102,7 @@ class Slip:
 
         Returns:
             Sum of the elements' torques, N m.
+
         """
         moved = 0.0
         if self.at is not None:
@@ -161,6 +163,7 @@ class Drivetrain:
 
         Returns:
             Motor angle, rad.
+
         """
         size = abs(tau) / self.level
         low, high = 0.0, self.springs.end
@@ -191,6 +194,7 @@ class Drivetrain:
         Returns:
             The torque at the motor without dry friction and current, the level of its dry friction, and the joint
             torque τ, all in N m.
+
         """
         lead, slope = self._kinematic(theta)
         phi = theta / self.ratio - q + lead
@@ -235,6 +239,7 @@ class Drivetrain:
 
         Returns:
             Torque at the joint, N m.
+
         """
         total = 0.0
         if self.cable:  # a hose that yields a little as it bends further
@@ -248,6 +253,7 @@ class Drivetrain:
 
         Args:
             period: length of the sample, s.
+
         """
         if self.thermal:
             p = self.thermal

@@ -33,6 +33,7 @@ def finite_or_none(value: float) -> float | None:
 
     Returns:
         The number itself, or None where it is not finite.
+
     """
     if math.isfinite(value):
         return value
@@ -53,6 +54,7 @@ def rate(hits: Sequence[bool]) -> Figure:
 
     Source:
         E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
+
     """
     return _share(sum(hits), len(hits))
 
@@ -65,6 +67,7 @@ def rates_together(parts: Sequence[Figure]) -> Figure:
 
     Returns:
         The share over the cases of all parts, as `rate` would give it.
+
     """
     return _share(sum(round(one.value * one.count) for one in parts), sum(one.count for one in parts))
 
@@ -92,6 +95,7 @@ def mean(values: Sequence[float]) -> Figure:
 
     Returns:
         The mean with its 95 % interval. Of a single value the interval is NaN; without a value `NONE`.
+
     """
     n = len(values)
     if not n:
@@ -111,6 +115,7 @@ def means_together(parts: Sequence[Figure]) -> Figure:
 
     Returns:
         The mean over the cases of all parts, as `mean` would give it.
+
     """
     n = sum(one.count for one in parts)
     middle = sum(one.count * one.value for one in parts) / n
@@ -132,6 +137,7 @@ def median(values: Sequence[float]) -> Figure:
 
     Returns:
         The median with its 95 % interval, from the normal approximation of the ranks; without a value `NONE`.
+
     """
     n = len(values)
     if not n:

@@ -36,6 +36,7 @@ def make(case: JointCase, which: str, seconds: float) -> dict[str, np.ndarray]:
 
     Returns:
         The log: columns (T,) of docs/log.md by name.
+
     """
     motion = case.motion(which, seconds)
     return _Run(case, motion, stream(str(case.seed), "noise", which)).log()
@@ -73,6 +74,7 @@ def wandering(rng: np.random.Generator, nameless: Nameless, count: int) -> np.nd
 
     Returns:
         The torque in each PERIOD (count,), N m.
+
     """
     keep = math.exp(-PERIOD / nameless.time)
     kicks = rng.standard_normal(count)

@@ -47,6 +47,7 @@ class Friction:
 
         Returns:
             Torque (T,), N m, with the sign of the speed.
+
         """
         return np.asarray(np.sign(v) * (self.coulomb + self.viscous * (np.abs(v) / self.speed) ** self.exponent))
 
@@ -58,6 +59,7 @@ class Friction:
 
         Returns:
             Level, N m, and coefficient, N m s/rad.
+
         """
         columns = np.column_stack([np.sign(v), v])
         level, coefficient = np.linalg.lstsq(columns, self.torque(v), rcond=None)[0]
@@ -146,6 +148,7 @@ class JointCase:
 
         Returns:
             The reference of all joints.
+
         """
         return travel(stream(str(self.seed), "motion", which), self.speeds, seconds)
 
@@ -242,6 +245,7 @@ def cases(seed: str, count: int) -> tuple[JointCase, ...]:
 
     Returns:
         The cases, in an order that the seed decides; a larger ``count`` appends to them.
+
     """
     return tuple(_case(seed, index) for index in range(count))
 

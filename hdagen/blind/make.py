@@ -48,6 +48,7 @@ def make(
     Returns:
         The log's columns by name, the parameters of every effect in it, and the signal-to-noise ratio of the true
         effects (0 where the parameters were given).
+
     """
     robot, path = case.robot, _motion(case, motion, seconds)
     seed = case.seed ^ (motion == "hold_out")
@@ -112,6 +113,7 @@ def packed(found: Parameters) -> dict[str, dict[str, float]]:
 
     Returns:
         The same parameters by name@joint.
+
     """
     return {f"{effect}@{joint}": p for (effect, joint), p in found.items()}
 
@@ -124,6 +126,7 @@ def unpacked(found: Mapping[str, Mapping[str, float]]) -> Parameters:
 
     Returns:
         The same parameters by effect and joint.
+
     """
     return {(key.split("@")[0], int(key.split("@")[1])): dict(p) for key, p in found.items()}
 

@@ -35,6 +35,7 @@ def rich(seed: int, seconds: float = 10.0) -> Motion:
 
     Returns:
         The motion, with a row every `PERIOD`.
+
     """
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds / PERIOD)) * PERIOD
@@ -95,6 +96,7 @@ def circle(seed: int, lengths: tuple[float, float], seconds: float = 10.0) -> Mo
 
     Returns:
         The motion, with a row every `PERIOD`.
+
     """
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds / PERIOD)) * PERIOD

@@ -48,6 +48,7 @@ def combined(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
     Raises:
         ValueError: a seed stands twice, so that its cases would count twice, or was used for the calibration.
+
     """
     found = {}
     for kind, parts_of in _parts_by_kind(reports).items():
@@ -144,6 +145,7 @@ def table(checks: Mapping[str, Any]) -> str:
 
     Returns:
         A Markdown table with a line for each bar of each kind, in the order of the bars.
+
     """
     lines = ["| measured on | cases | figure | bar | reached (95 % interval) | |", "|---|---|---|---|---|---|"]
     for kind, bars in BARS.items():

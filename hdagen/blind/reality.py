@@ -54,6 +54,7 @@ def simulate(world: World, nominal: Sequence[Mapping[str, float]], motion: Motio
 
     Returns:
         The log: columns (T,) of docs/log.md by name.
+
     """
     return _Run(world, nominal, motion, noise).log()
 
@@ -66,6 +67,7 @@ def tilted(world: World) -> tuple[float, float]:
 
     Returns:
         Gravity along x and y, m/s².
+
     """
     x, y = world.gravity
     if "gravity_tilt" not in world.arm:

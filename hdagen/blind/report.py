@@ -48,6 +48,7 @@ def report(asked: Check, seal: Seal, rows: Sequence[Row]) -> Report:
 
     Returns:
         The report with all figures and comparisons.
+
     """
     return Report(asked, seal, rows, summary(rows), compare(rows))
 
@@ -60,6 +61,7 @@ def by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
 
     Returns:
         Figures by effect, in the order of `SIZES`: right "effect", "joint" and "place", "p_truth", and "snr".
+
     """
     found = {}
     for name in SIZES:
@@ -83,6 +85,7 @@ def written(found: Report) -> str:
 
     Returns:
         The file's text.
+
     """
     content = {
         "schema": SCHEMA,

@@ -67,6 +67,7 @@ def check(asked: Check, said: Callable[[str], None]) -> tuple[list[Row], seal.Se
         BlindError: the folder holds another check, or a result cannot be read.
         ChildError: a case could not be simulated.
         seal.SealError: the labels changed between sealing and scoring.
+
     """
     drawn = cases(asked.seed, asked.kind, asked.count)
     labels = {case.name: case.label() for case in drawn}
@@ -212,6 +213,7 @@ def gap(predicted: Path, measured: Path, robot: Robot) -> float:
     Raises:
         LogError: one of the logs cannot be read.
         KeyError: a channel is missing.
+
     """
     a, b = read(predicted), read(measured)
     rows = min(len(a), len(b))

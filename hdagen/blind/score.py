@@ -119,6 +119,7 @@ class Row:
         Returns:
             Parameters by name, SI. A term of a real joint's friction also has the ``size`` that fits it best: together
             with the joint's other term where the verdict names that too, else with the robot file's number for it.
+
         """
         own = self.parameters[key]
         if self.kind != "joint":
@@ -137,6 +138,7 @@ def parted(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
     Returns:
         The named effects, and the unknown ones; where none has a name, the unknown ones count as named.
+
     """
     unknown = tuple(one for one in names if one.startswith("unknown@"))
     named = tuple(one for one in names if one not in unknown)
@@ -148,6 +150,7 @@ def alike(name: str) -> str:
 
     Returns:
         The same joint with the name that stands for all effects of `SAME`.
+
     """
     effect, _, joint = name.partition("@")
     return f"{SAME.get(effect, effect)}@{joint}"
@@ -171,6 +174,7 @@ def judged(
 
     Returns:
         The case's row; its ``failed`` says why a diagnosis could not be scored.
+
     """
     truth = tuple(alike(one) for one in label["verdict"])
     optional = tuple(label.get("optional", ()))
@@ -267,6 +271,7 @@ def closed(row: Row) -> float:
 
     Returns:
         1 where only the sensors' noise is left, 0 where the gap is as before, below 0 where it has grown.
+
     """
     return (row.before - row.after) / max(row.before - 1.0, 0.1)
 
@@ -276,6 +281,7 @@ def single(rows: Sequence[Row]) -> list[Row]:
 
     Returns:
         The selected cases, in the same order.
+
     """
     return [row for row in rows if row.kind in _ONE]
 
@@ -285,6 +291,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Figure]:
 
     Returns:
         Figures by the keys of `hdagen.blind.words.WORDS`, without those that no case tells anything of.
+
     """
     kinds = ("pair", "none", "unknown", "unknown+one", "joint")
     pairs, none, unknown, both, joints = ([row for row in rows if row.kind == kind] for kind in kinds)
@@ -329,6 +336,7 @@ def bins(rows: Sequence[Row]) -> list[tuple[Figure, Figure]]:
 
     Returns:
         For each tenth that occurs the mean stated probability, and the share of right verdicts.
+
     """
     found = []
     place = [min(int(row.p_top * BINS), BINS - 1) for row in rows]
@@ -344,6 +352,7 @@ def calibration_error(rows: Sequence[Row]) -> Figure:
 
     Returns:
         The error, between 0 and 1; its interval follows from the standard errors of the shares.
+
     """
     if not rows:
         return mean([])
@@ -358,6 +367,7 @@ def coverage(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
 
     Returns:
         The share of cases that are answered (cases,), and the share of right verdicts among them (cases,).
+
     """
     ordered = sorted(rows, key=lambda row: -row.p_top)
     right = np.cumsum([row.right for row in ordered], dtype=float)
@@ -371,6 +381,7 @@ def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     Returns:
         Counts by true effect, then by the verdict's effect: "none" without one, "several" with more than one, "failed"
         without a diagnosis.
+
     """
     found: dict[str, dict[str, int]] = {}
     for row in rows:

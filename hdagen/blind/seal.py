@@ -30,6 +30,7 @@ def close(labels: Mapping[str, Any], seed: str) -> Seal:
 
     Returns:
         The hash of nonce and labels, and how many labels there are.
+
     """
     nonce = hashlib.sha256(f"nonce\0{seed}".encode()).hexdigest()
     text = json.dumps(labels, sort_keys=True, separators=(",", ":"))
@@ -46,6 +47,7 @@ def open_(labels: Mapping[str, Any], seed: str, seal: Seal) -> None:
 
     Raises:
         SealError: the labels or the seed differ from the sealed ones.
+
     """
     found = close(labels, seed)
     if found != seal:
@@ -63,5 +65,6 @@ def seed_hash(seed: str) -> str:
 
     Returns:
         SHA-256, hexadecimal.
+
     """
     return hashlib.sha256(f"seed\0{seed}".encode()).hexdigest()

@@ -269,6 +269,7 @@ def unknown(size: float, rng: np.random.Generator) -> Parameters:
 
     Returns:
         Parameters of all kinds, SI; ``kind`` is an index of `UNKNOWN_KINDS`.
+
     """
     torque = UNKNOWN_TYPICAL * size
     return {

@@ -38,6 +38,7 @@ def travel(rng: np.random.Generator, speeds: Sequence[float], seconds: float) ->
 
     Returns:
         The reference of all joints, with a row every `PERIOD`.
+
     """
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     ramp = np.clip(time / _START, 0.0, 1.0)
@@ -75,6 +76,7 @@ def link_torques(
 
     Returns:
         Torques at the joints (T, J), N m.
+
     """
     gx, gy = gravity
     outer = joints[-1]

@@ -47,6 +47,7 @@ def said(name: str, figure: Figure) -> str:
 
     Returns:
         Value, unit and interval in words; a share in %, the duration of a diagnosis in s.
+
     """
     scale, unit = 100.0, " %"
     if name in _PLAIN:

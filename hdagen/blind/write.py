@@ -30,6 +30,7 @@ def write(out: Path, kind: str, count: int, seed: str, jobs: int, seconds: float
 
     Raises:
         ChildError: a case could not be simulated.
+
     """
     folder = out / kind
     folder.mkdir(parents=True, exist_ok=True)

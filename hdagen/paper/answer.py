@@ -28,6 +28,7 @@ def answers(moved: Array, pushes: Sequence[Push], period: float) -> Array:
         `MEASURES` along each push (W, axes, 3): the settling time after it, s (NaN where the tip does not settle within
         WINDOW); the swing past the path as a share of the largest displacement; the largest displacement, m. NaN where
         the arm was lost.
+
     """
     found = []
     for push in pushes:
@@ -57,6 +58,7 @@ def ideally(sets: Array, pushes: Sequence[Push], seconds: float, period: float) 
 
     Returns:
         Displacement x (T, W, 2), m.
+
     """
     mass, damping, stiffness = sets.T
     count, T = len(sets), round(seconds / period)
@@ -92,5 +94,6 @@ def damping_ratio(mass: Array, damping: Array, stiffness: Array) -> Array:
 
     Returns:
         Damping ratio, of the same shape.
+
     """
     return damping / (2 * np.sqrt(stiffness * mass))

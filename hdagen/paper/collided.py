@@ -92,6 +92,7 @@ def collided(
 
     Returns:
         The run; each is simulated once a bench.
+
     """
 
     def make() -> Collided:
@@ -112,6 +113,7 @@ def sets(bench: Bench, law: str, published: bool = False) -> list[Collided]:
 
     Returns:
         Three runs, in the order of the sets.
+
     """
     chosen = TABLE_5[law] if published else SENSIBLE
     return [collided(bench, law, mbk) for mbk in chosen]
@@ -127,6 +129,7 @@ def farther(bench: Bench, fine: bool, seed: int) -> list[float]:
 
     Returns:
         Push-back of admittance control less that of impedance control, for each of SENSIBLE, m.
+
     """
 
     def pushed_back(law: str, mbk: tuple[float, float, float]) -> float:
@@ -146,6 +149,7 @@ def vibrations(bench: Bench, law: str) -> dict[str, list[float]]:
 
     Returns:
         m rms: "B" for each of BY_B at the second set's K, "K" for each of BY_K at its B.
+
     """
     M, B, K = SENSIBLE[1]
     return {
@@ -163,6 +167,7 @@ def starts(bench: Bench) -> dict[str, tuple[float, float]]:
     Returns:
         Largest error in x, m, in the first second and in the four after it: of the paper's controller, which has no
         disturbance observer, with and without dry friction, and of a controller with an observer.
+
     """
     none = {"coulomb_friction_1": 0.0, "coulomb_friction_2": 0.0}
     blind = {"observer_bandwidth": 0.0}

@@ -19,6 +19,7 @@ def results(contents: Sequence[Mapping[str, Any]]) -> str:
 
     Returns:
         The text of results.json.
+
     """
     kept = []
     for content in contents:
@@ -38,6 +39,7 @@ def tables(found: Sequence[Mapping[str, Any]]) -> str:
 
     Returns:
         Two tables in Markdown.
+
     """
     lines = ["| | the paper | here | holds | why they differ, or from where on |", "|---|---|---|---|---|"]
     for figure in found:

@@ -40,6 +40,7 @@ def needed() -> None:
 
     Raises:
         PlantError: matplotlib is missing; the message says how to install it.
+
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise PlantError(
@@ -58,6 +59,7 @@ def drawn(result: Result) -> tuple[bytes, bytes]:
 
     Raises:
         PlantError: matplotlib is missing.
+
     """
     needed()
     import matplotlib as mpl

@@ -53,6 +53,7 @@ def estimated(
 
     Returns:
         The three estimates.
+
     """
     raw = _columns(log, "motor_position", model.n), _columns(log, "joint_position", model.n) + zero
     current = _columns(log, "motor_current", model.n)
@@ -82,6 +83,7 @@ def by_joint(model: Arm, name: str) -> Array:
 
     Returns:
         Its value at each joint (n,), SI; 0 where a joint does not have it.
+
     """
     return np.array([model.parameters.get(f"{name}_{j}", 0.0) for j in range(1, model.n + 1)])
 
@@ -157,6 +159,7 @@ def rms(error: Array, rows: Rows | slice = slice(None)) -> Array:
 
     Returns:
         Root mean square (n,), in the unit of ``error``.
+
     """
     found: Array = np.sqrt(np.nanmean(error[rows] ** 2, axis=0))
     return found

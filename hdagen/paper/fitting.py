@@ -44,6 +44,7 @@ class Fit:
 
         Returns:
             Found less published, in standard errors (6,).
+
         """
         return (self.coefficients - np.asarray(published)) / self.errors
 
@@ -55,6 +56,7 @@ class Fit:
 
         Returns:
             Squared distance in standard errors: chi-square with 6 degrees of freedom.
+
         """
         off = self.coefficients - np.asarray(published)
         return float(off @ np.linalg.solve(self.covariance, off))
@@ -84,6 +86,7 @@ def turned(
 
     Returns:
         The run.
+
     """
     arm = bench.arm(changes=changes)
     torque = arm.parameters[f"coulomb_friction_{j}"] + above
@@ -111,6 +114,7 @@ def difference(log: Log, j: int, ratio: float) -> tuple[Array, Array]:
 
     Returns:
         Turns of the output by the motor's angle (T,), and θ/N − q (T,), rad.
+
     """
     turn = log[f"motor_position_{j}"] / ratio
     return turn / (2 * np.pi), turn - log[f"joint_position_{j}"]
@@ -134,6 +138,7 @@ def fit(logs: Sequence[tuple[Log, int, float]], j: int, ratio: float, turns: flo
 
     Returns:
         The polynomial that all logs have in common.
+
     """
     blocks, values = [], []
     levels = sorted({above for _, _, above in logs})

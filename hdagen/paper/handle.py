@@ -63,6 +63,7 @@ def compensating(bench: Bench, fine: bool) -> tuple[Arm, Array]:
 
     Returns:
         The model, and the zeros to add to the discs' angles (2,), rad.
+
     """
     first, second = (measured(bench, j, fine).fit.coefficients for j in (1, 2))
     changes = torsion_of(1, first.tolist()) | torsion_of(2, second.tolist())
@@ -89,6 +90,7 @@ def handled(
 
     Returns:
         The run.
+
     """
     early = 0  # rows before the log
     if before:
@@ -129,6 +131,7 @@ def compared(bench: Bench, run: Driven, fine: bool) -> dict[str, Estimates]:
 
     Returns:
         Estimates: "compensated" and "uncompensated".
+
     """
     smoothing = HALL_SMOOTHING
     if fine:
@@ -149,6 +152,7 @@ def defined(run: Driven) -> Rows:
 
     Returns:
         True where it is (T, n).
+
     """
     twist = np.stack([run.log[f"motor_position_{j}"] / 100.0 - run.log[f"joint_position_{j}"] for j in (1, 2)], axis=1)
     return np.abs(twist) < LIMIT
@@ -163,6 +167,7 @@ def by_axis(run: Driven, found: Mapping[str, Estimates]) -> dict[str, list[float
 
     Returns:
         Errors of both joints, N m, by estimate.
+
     """
     rows = defined(run) & (run.log.time >= BEGUN)[:, None]
 
@@ -188,6 +193,7 @@ def caused(bench: Bench, name: str) -> tuple[Driven, Array]:
 
     Returns:
         The run, and the error of its estimate (T, n), N m.
+
     """
     changes, before = CAUSES[name]
 
@@ -209,6 +215,7 @@ def causes(bench: Bench) -> dict[str, tuple[float, float]]:
 
     Returns:
         rms errors of joint 1, N m, in the first second and after it, by cause.
+
     """
     found = {}
     for name in CAUSES:
@@ -239,6 +246,7 @@ def filtered(bench: Bench, fine: bool) -> tuple[list[float], list[float]]:
 
     Returns:
         rms errors of the filter's joint torques, and their true peaks, N m, by joint.
+
     """
     from hdagen.mpc.trials import trial
 

@@ -31,6 +31,7 @@ class Listed:
 
         Returns:
             The figure or table.
+
         """
         maker: Maker = getattr(importlib.import_module(f"hdagen.paper.{self.module}"), self.name)
         return maker(bench)
@@ -74,6 +75,7 @@ def named(names: Sequence[str]) -> tuple[Listed, ...]:
 
     Raises:
         PlantError: there is no figure of a name; the message lists the names.
+
     """
     known = {figure.name: figure for figure in FIGURES}
     problems = []

@@ -72,6 +72,7 @@ class TipForce:
 
         Returns:
             F_e (2,), N.
+
         """
         h = self.period
         if self.begun:
@@ -131,6 +132,7 @@ class Sensorless(Controller):
 
         Returns:
             The status of `Controller.tick`.
+
         """
         self.tip_force[:] = self.observer.tick(self.motor_position, self.joint_position)
         self.felt.append(self.tip_force.copy())

@@ -117,6 +117,7 @@ def section(result: Result) -> dict[str, Any]:
 
     Returns:
         Its "text", and its "figures" in HTML: the parts, then the table of claims.
+
     """
     return {"text": result.text, "figures": [*interactive(result), claims_table(result.claims)]}
 
@@ -140,6 +141,7 @@ def write(folder: Path, contents: Sequence[Mapping[str, Any]], sections: Sequenc
 
     Raises:
         OSError: the page cannot be written.
+
     """
     claims = [(heading(content["name"]), claim) for content in contents for claim in content["claims"]]
     outcomes = [claim["holds"] for _, claim in claims]
@@ -192,6 +194,7 @@ def heading(name: str) -> str:
 
     Returns:
         Its heading, as "Fig. 11" or "Table IV".
+
     """
     found = re.fullmatch(r"(fig|table|maps)(\d+)(\w?)", name)
     if not found:

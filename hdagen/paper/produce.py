@@ -39,6 +39,7 @@ def produce(
 
     Raises:
         PlantError: an arm cannot be built, or a file cannot be written.
+
     """
     bench = Bench(profile)
     say("building the arms")

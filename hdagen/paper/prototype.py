@@ -72,6 +72,7 @@ class Bench:
 
         Returns:
             The arm.
+
         """
         arm = Arm(self.folders[robot]) if robot in self.folders else load(robot, self.profile)
         self.folders[robot] = arm.folder
@@ -100,6 +101,7 @@ class Bench:
 
         Returns:
             Content of the robot file.
+
         """
 
         def make() -> bytes:
@@ -122,6 +124,7 @@ class Bench:
 
         Returns:
             The value of the first call with this key.
+
         """
         if key not in self._shared:
             self._shared[key] = make()
@@ -154,6 +157,7 @@ def uncompensated(arm: Arm) -> dict[str, float]:
 
     Returns:
         Changes of its parameters, for `Bench.arm`.
+
     """
     return {name: 0.0 for name in arm.parameters if name.startswith(("kinematic_", "ratio_error_"))}
 
@@ -167,6 +171,7 @@ def torsion_of(j: int, coefficients: Sequence[float]) -> dict[str, float]:
 
     Returns:
         Changes of parameters, for `Bench.arm`.
+
     """
     changes = {f"{name}_{j}": -float(a) for name, a in zip(TORSION, coefficients[2:], strict=True)}
     changes[f"ratio_error_{j}"] = -float(sum(coefficients[1:])) / (2 * np.pi)
@@ -183,6 +188,7 @@ def guard(n: int = 2, period: float = PERIOD) -> Guard:
 
     Returns:
         The guard.
+
     """
     return Guard(Safe.DAMPING, period, safe_damping=(SAFE_DAMPING,) * n, motor_jump=(JUMP,) * n)
 
@@ -198,6 +204,7 @@ def controller(known: Arm, law: str, gains: Mapping[str, float] | None = None, f
 
     Returns:
         The controller, with the guard of all runs.
+
     """
     return Controller(known, LAWS.get(law, law), guard(known.n), {**inner_loop(fine), **(gains or {})})
 
@@ -210,6 +217,7 @@ def inner_loop(fine: bool) -> dict[str, float]:
 
     Returns:
         Its gains.
+
     """
     if fine:
         return FINE_INNER
@@ -226,6 +234,7 @@ def cartesian(mass: float, damping: float, stiffness: float) -> dict[str, float]
 
     Returns:
         Gains by name.
+
     """
     values = {"mass": mass, "damping": damping, "stiffness": stiffness}
     return {f"{name}_{axis}": value for name, value in values.items() for axis in "xy"}
@@ -240,6 +249,7 @@ def turns(seconds: float = 10.0, radius: float = RADIUS) -> Reference:
 
     Returns:
         The reference of the tip.
+
     """
     return circle(radius, CENTER, TURN, seconds, PERIOD)
 
@@ -252,6 +262,7 @@ def fine_sensors(n: int = 2) -> Sensors:
 
     Returns:
         The sensors; discs are those of the preset.
+
     """
     return Sensors(motor_resolution=(ENCODER,) * n, motor_noise=(JITTER * ENCODER,) * n)
 
@@ -265,6 +276,7 @@ def encoders_of(fine: bool, n: int = 2) -> Sensors | None:
 
     Returns:
         The fine sensors, or None for those of the preset.
+
     """
     if fine:
         return fine_sensors(n)
@@ -280,6 +292,7 @@ def encoders(counts: int, bits: int) -> Sensors:
 
     Returns:
         The sensors.
+
     """
     motor, joint = 2 * np.pi / counts, 2 * np.pi / 2**bits
     noise = min(JITTER * motor, SWITCHING), JITTER * joint
@@ -312,6 +325,7 @@ def driven(
 
     Returns:
         The run; its log holds the readings of all sensors, those of joint torque too.
+
     """
     from hdagen.sensors import errors
 
@@ -365,6 +379,7 @@ def pushed(
 
     Returns:
         The simulation.
+
     """
     known, plant = bench.once("known", bench.arm), bench.arm(changes=changes)
     regulator = controller(known, law, gains, fine)

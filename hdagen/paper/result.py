@@ -60,6 +60,7 @@ def path(label: str, points: Array, color: str | None = None, dash: str | None =
 
     Returns:
         The curve.
+
     """
     return Curve(label, points[:, 0], points[:, 1], color=color, dash=dash, width=width)
 

@@ -36,6 +36,7 @@ def inputs(builds: tuple[str, ...]) -> str:
 
     Returns:
         The hash, hexadecimal.
+
     """
     digest = hashlib.sha256()
     for path in sorted(Path(str(resources.files("hdagen"))).rglob("*.py")):
@@ -54,6 +55,7 @@ def finished(folder: Path, name: str, came_from: str) -> dict[str, Any] | None:
 
     Returns:
         The JSON of a figure whose files are complete and come from these inputs; None where it has to be made.
+
     """
     try:
         content = read_json(folder / f"{name}.json", LARGEST, "make it again")
@@ -80,6 +82,7 @@ def put(folder: Path, result: Result, came_from: str, seconds: float) -> dict[st
 
     Raises:
         PlantError: matplotlib is missing, or a file cannot be written.
+
     """
     svg, png = drawn(result)
     part = json.dumps(section(result), ensure_ascii=False, indent=1).encode()
@@ -123,6 +126,7 @@ def sections(folder: Path, names: Sequence[str]) -> list[dict[str, Any]]:
 
     Returns:
         Their sections, as `hdagen.paper.page.section` made them.
+
     """
     return [json.loads((folder / SECTIONS / f"{name}.json").read_text(encoding="utf-8")) for name in names]
 

@@ -53,6 +53,7 @@ def whole(bench: Bench, law: str) -> Sweep:
 
     Returns:
         The sweep of SHAPE; each is simulated once a bench.
+
     """
     return bench.once(("swept", law), partial(swept, bench, law, SHAPE))
 
@@ -67,6 +68,7 @@ def swept(bench: Bench, law: str, shape: tuple[int, int, int]) -> Sweep:
 
     Returns:
         The responses of arm and ideal.
+
     """
     sides = [np.geomspace(*RANGES[letter], count) for letter, count in zip("MBK", shape, strict=True)]
     M, B, K = np.meshgrid(*sides, indexing="ij")
@@ -106,6 +108,7 @@ def exponents(sweep: Sweep, table: Array, measure: str) -> dict[str, dict[str, f
     Returns:
         Exponents by letter and region; at −1 doubling the letter halves the measure. A mean, as the settling time moves
         in steps of half a swing; NaN where too few sets have the measure.
+
     """
     found: dict[str, dict[str, float]] = {}
     for letter in "MBK":
@@ -140,6 +143,7 @@ def powers(sweep: Sweep, table: Array, letter: str, measure: str) -> list[tuple[
 
     Returns:
         Damping ratio and exponent of each class of damping ratio with enough sets.
+
     """
     slope = _slopes(sweep, table, letter, measure)
     found = []
@@ -162,6 +166,7 @@ def share_that_keeps(sweep: Sweep, letter: str, measure: str, sign: int) -> list
     Returns:
         Damping ratio and share of each class of damping ratio. Changes below a tenth of a percent keep the claim. A run
         that never settles counts as the last to settle; a lost arm does not count.
+
     """
     axis, values = "MBK".index(letter), sweep.arm[..., 0, MEASURES.index(measure)]
     lost = np.isnan(sweep.arm[..., 0, MEASURES.index("largest")])
@@ -195,6 +200,7 @@ def held(
 
     Returns:
         Damping ratios at the ends of the range; None where no class keeps the claim.
+
     """
     runs = [list(run) for kept, run in groupby(shares, lambda one: keeps(one[1])) if kept]
     if not runs:

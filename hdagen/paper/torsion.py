@@ -112,6 +112,7 @@ def measured(bench: Bench, j: int, fine: bool, repeat: int = 0) -> Measured:
 
     Returns:
         The logs and the fit.
+
     """
 
     def make() -> Measured:

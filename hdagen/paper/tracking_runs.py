@@ -59,6 +59,7 @@ class Tracked:
 
         Returns:
             The three by axis (3, 2), m.
+
         """
         off = self.over(circles)
         return np.stack([np.abs(off).max(axis=0), np.abs(off.mean(axis=0)), off.std(axis=0)])
@@ -71,6 +72,7 @@ class Tracked:
 
         Returns:
             Path error (rows, 2), m.
+
         """
         time = self.log.time
         rows = np.zeros(len(time), bool)
@@ -107,6 +109,7 @@ def tracked(
 
     Returns:
         The run.
+
     """
     if law == "predictive":
         regulator = predictive(bench, mbk)
@@ -137,6 +140,7 @@ def followed(
 
     Returns:
         The run.
+
     """
     path = turns(seconds)
     found = run(plant, regulator, path, pushes, encoders_of(fine), seed, world=world)
@@ -158,6 +162,7 @@ def predictive(bench: Bench, mbk: tuple[float, float, float], force: str = "sens
 
     Returns:
         The controller.
+
     """
     names = ("mass", "damping", "stiffness")
     admittance: dict[str, Any] = {f"admittance__{name}": value for name, value in zip(names, mbk, strict=True)}
@@ -186,6 +191,7 @@ def case(bench: Bench, name: str) -> Tracked:
 
     Returns:
         The run; each is simulated once a bench.
+
     """
     law, mbk, fine = CASES[name]
     return bench.once(("tracked", name), partial(tracked, bench, law, mbk, SHOVES, SECONDS, fine))
@@ -201,6 +207,7 @@ def built(bench: Bench, law: str, part: str) -> Tracked:
 
     Returns:
         The run; each is simulated once a bench.
+
     """
     changes = dict(STRUCTURE).get(part) or {name: v for one in STRUCTURE.values() for name, v in one.items()}
     make = partial(tracked, bench, law, SENSIBLE, SHOVES, SECONDS, changes=changes)
@@ -215,5 +222,6 @@ def cases(bench: Bench) -> dict[str, Tracked]:
 
     Returns:
         The runs by key.
+
     """
     return {name: case(bench, name) for name in CASES}
