@@ -35,7 +35,7 @@ APART static int tick_anywhere(double now, const hda_measurement *m, const doubl
 APART static void prepare_anywhere(void) {
     const environment entered = enter_any_environment();
     hda_mpc_prepare(&k);
-    hda_mpc_say(&k);
+    hda_mpc_fill_report(&k);
     leave_environment(entered);
 }
 

@@ -57,6 +57,9 @@ def test_the_first_command_brings_everything_and_runs_the_demo() -> None:
     assert "pytest" in names(PROJECT["project"]["optional-dependencies"]["test"])
 
 
+PROGRAMS = ("pip", "ruff", "clang-format", "mypy", "pytest", "hdagen")
+
+
 def checkout(folder: Path, setup: str, test: str) -> Callable[..., tuple[int, str, list[str]]]:
     """A repository of .ci/run, a README with these commands, and a .venv whose programs only note how they were called.
 
@@ -73,7 +76,7 @@ def checkout(folder: Path, setup: str, test: str) -> Callable[..., tuple[int, st
     without_root = folder.parent / "bin"
     without_root.mkdir()
     for path, body in [
-        *((programs / name, f'echo "{name} $*" >>"{calls}"') for name in ("pip", "ruff", "mypy", "pytest", "hdagen")),
+        *((programs / name, f'echo "{name} $*" >>"{calls}"') for name in PROGRAMS),
         (programs / "python", f'echo "python $1 $2" | head -n 1 >>"{calls}"'),
         (without_root / "id", "echo 1000"),
     ]:
@@ -111,6 +114,7 @@ def test_ci_runs_the_readme_s_commands_then_lint_types_layout_and_the_wheel(tmp_
         "pip install -q -e .[lint]",
         "ruff check",
         "ruff format --check",
+        "clang-format --dry-run --Werror gen/templates/*.[ch] gen/templates/mpc/*.[ch]",
         "mypy ",
         "pytest -q tests/test_layout.py",
         "python -m pip",

@@ -7,8 +7,8 @@
 #include "hda_batch_step.h"
 
 /* One row of all lanes: load the inputs, step, store. */
-static void advance(const double *const *u, const hda_batch *c, double h, long steps, hda_batch *x,
-                    double *const *out) {
+static void advance_row(const double *const *u, const hda_batch *c, double h, long steps, hda_batch *x,
+                        double *const *out) {
     hda_batch in[HDA_NU];
 #define INPUT(lane) u[lane][i]
     for (int i = 0; i < HDA_NU; i++) in[i] = (hda_batch)HDA_BATCH_OF(INPUT);
@@ -19,8 +19,8 @@ static void advance(const double *const *u, const hda_batch *c, double h, long s
     }
 }
 
-static void group(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
-                  long first, long count, int own, double *out) {
+static void roll_group(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                       long first, long count, int own, double *out) {
     hda_batch x[HDA_NX], constants[HDA_NC];
     const double *in[HDA_BATCH_WIDTH];
     double *to[HDA_BATCH_WIDTH];
@@ -38,7 +38,7 @@ static void group(const double *x0, const double *u, const double *c, const doub
     for (long k = 0; k < rows; k++) {
         const long steps = hda_parts(dt[k], most);
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) to[lane] += HDA_NX;
-        advance(in, constants, dt[k] / (double)steps, steps, x, to);
+        advance_row(in, constants, dt[k] / (double)steps, steps, x, to);
         for (int lane = 0; lane < HDA_BATCH_WIDTH; lane++) in[lane] += HDA_NU;
     }
 }
@@ -49,7 +49,8 @@ int hda_batch_width(void) {
 
 void hda_rollout_batch(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
                        long count, int own, double *x) {
-    for (long first = 0; first < count; first += HDA_BATCH_WIDTH) group(x0, u, c, dt, rows, most, first, count, own, x);
+    for (long first = 0; first < count; first += HDA_BATCH_WIDTH)
+        roll_group(x0, u, c, dt, rows, most, first, count, own, x);
 }
 
 #else

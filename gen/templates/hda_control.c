@@ -18,8 +18,8 @@ static const double low[][HDA_GAINS_MOST] = HDA_GAINS_LOW, high[][HDA_GAINS_MOST
 
 enum { LAWS = sizeof laws / sizeof *laws };
 
-HDA_APART static int configure(hda_controller *k, int number, const double *p, const double *gains,
-                               const hda_guard_config *config) {
+HDA_APART static int set_controller(hda_controller *k, int number, const double *p, const double *gains,
+                                    const hda_guard_config *config) {
     if (!k || !p || !gains || !config) return HDA_CONTROL_CALL;
     if (number < 0 || number >= LAWS) return HDA_CONTROL_LAW;
     for (int i = 0; i < HDA_NP; i++) {
@@ -39,20 +39,20 @@ HDA_APART static int configure(hda_controller *k, int number, const double *p, c
     return 0;
 }
 
-static void gather(const hda_measurement *m, double *measured) {
+static void gather_measurement(const hda_measurement *m, double *measured) {
     memcpy(measured, m->motor_position, sizeof m->motor_position);
     memcpy(measured + HDA_N, m->joint_position, sizeof m->joint_position);
     memcpy(measured + 2 * HDA_N, m->tip_force, sizeof m->tip_force);
 }
 
-HDA_APART static int tick(hda_controller *k, double now, const hda_measurement *m, const double *reference,
-                          double *torque) {
+HDA_APART static int run_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference,
+                              double *torque) {
     double raw[HDA_N] = {0}, map[2 * HDA_N] = {0}, measured[2 * HDA_N + 2], next[HDA_MEMORY_MOST];
     if (!k || k->law < 0 || k->law >= LAWS) return hda_guard_end_held(k ? &k->guard : NULL, raw, map, torque);
     const law *chosen = &laws[k->law];
     const int opened = hda_guard_begin_held(&k->guard, now, m, reference, chosen->reference);
     if (opened >= 0) {
-        gather(m, measured);
+        gather_measurement(m, measured);
         if (!k->started) {
             chosen->start(measured, reference, k->c, k->state);
             k->started = 1;
@@ -68,7 +68,7 @@ HDA_APART static int tick(hda_controller *k, double now, const hda_measurement *
 int hda_controller_configure(hda_controller *k, int law, const double *p, const double *gains,
                              const hda_guard_config *config) {
     const hda_float caller = hda_float_hold();
-    const int status = configure(k, law, p, gains, config);
+    const int status = set_controller(k, law, p, gains, config);
     hda_float_restore(&caller);
     return status;
 }
@@ -76,7 +76,7 @@ int hda_controller_configure(hda_controller *k, int law, const double *p, const 
 int hda_controller_tick(hda_controller *k, double now, const hda_measurement *m, const double *reference,
                         double *torque) {
     const hda_float caller = hda_float_hold();
-    const int status = tick(k, now, m, reference, torque);
+    const int status = run_tick(k, now, m, reference, torque);
     hda_float_restore(&caller);
     return status;
 }

@@ -29,14 +29,14 @@ typedef struct {
     int lost[HDA_FILTERS];
 } filters;
 
-static int likeliest(const double *of) {
+static int find_likeliest(const double *of) {
     int best = 0;
     EACH(l) if (of[l] > of[best]) best = l;
     return best;
 }
 
 /* to = a b of the rates' slopes: a by state alone, b by state and extra. */
-static void times(double (*a)[D_MOST], double (*b)[D_MOST], int D, double (*to)[D_MOST]) {
+static void multiply_slopes(double (*a)[D_MOST], double (*b)[D_MOST], int D, double (*to)[D_MOST]) {
     for (int i = 0; i < HDA_MECHANICAL; i++) {
         for (int j = 0; j < D; j++) {
             double sum = 0.0;
@@ -47,8 +47,8 @@ static void times(double (*a)[D_MOST], double (*b)[D_MOST], int D, double (*to)[
 }
 
 /* The slopes of `steps` steps of h from x, each to the order of Runge and Kutta's. */
-static void linearise(const hda_bank *bank, const double *x, const double *u, const double *c, double h, long steps,
-                      double (*slopes)[D_MOST]) {
+static void linearise_steps(const hda_bank *bank, const double *x, const double *u, const double *c, double h,
+                            long steps, double (*slopes)[D_MOST]) {
     static const int slide[HDA_N] = HDA_SLIDE;
     const int D = HDA_MECHANICAL + bank->extra;
     double at[HDA_NX], by_x[HDA_NX * HDA_NX], by_u[HDA_NX * HDA_NU], by_p[HDA_NX * HDA_NP];
@@ -70,7 +70,7 @@ static void linearise(const hda_bank *bank, const double *x, const double *u, co
     for (int k = 0; k < HDA_FLEXIBLE; k++) rate[RATE + bank->flexible[k]][HDA_MECHANICAL + HDA_N + k] = h;
     memcpy(one, rate, sizeof one);
     for (int order = 4; order > 1; order--) { /* rate (1 + rate / 2 (1 + rate / 3 (1 + rate / 4))) */
-        times(rate, one, D, next);
+        multiply_slopes(rate, one, D, next);
         for (int i = 0; i < HDA_MECHANICAL; i++) {
             for (int j = 0; j < D; j++) one[i][j] = rate[i][j] + next[i][j] / order;
         }
@@ -78,7 +78,7 @@ static void linearise(const hda_bank *bank, const double *x, const double *u, co
     for (int i = 0; i < HDA_MECHANICAL; i++) one[i][i] += 1.0;
     memcpy(slopes, one, sizeof one);
     for (long k = 1; k < steps; k++) {
-        times(one, slopes, D, next);
+        multiply_slopes(one, slopes, D, next);
         for (int i = 0; i < HDA_MECHANICAL; i++) {
             for (int j = HDA_MECHANICAL; j < D; j++) next[i][j] += one[i][j];
         }
@@ -87,7 +87,7 @@ static void linearise(const hda_bank *bank, const double *x, const double *u, co
 }
 
 /* P becomes F P F' + Q, F having the slopes above and `fade` on its diagonal below. */
-static void spread(filters *f, const hda_bank *bank, double fade) {
+static void spread_covariance(filters *f, const hda_bank *bank, double fade) {
     const int m = HDA_MECHANICAL, D = m + bank->extra;
     lanes moved[HDA_MECHANICAL][D_MOST];
     for (int i = 0; i < m; i++) {
@@ -121,10 +121,10 @@ static void spread(filters *f, const hda_bank *bank, double fade) {
 }
 
 /* All filters over a row of dt. */
-static void advance(filters *f, const hda_bank *bank, const double *u, const double *c, double dt) {
+static void advance_filters(filters *f, const hda_bank *bank, const double *u, const double *c, double dt) {
     const long steps = hda_parts(dt, bank->memory[2]);
     const double h = dt / (double)steps, fade = exp(-dt / bank->memory[0]);
-    linearise(bank, f->x[likeliest(f->told)], u, c, h, steps, f->slopes);
+    linearise_steps(bank, f->x[find_likeliest(f->told)], u, c, h, steps, f->slopes);
     EACH(l) {
         double held[HDA_NU];
         memcpy(held, u, sizeof held);
@@ -137,11 +137,11 @@ static void advance(filters *f, const hda_bank *bank, const double *u, const dou
         }
     }
     for (int k = 0; k < bank->extra; k++) EACH(l) f->extra[k][l] *= fade;
-    spread(f, bank, fade);
+    spread_covariance(f, bank, fade);
 }
 
 /* Filters that have left their limits begin anew where they began, and are not taken any more. */
-static void lose(filters *f, const hda_bank *bank, const double *begun) {
+static void restart_lost(filters *f, const hda_bank *bank, const double *begun) {
     const int D = HDA_MECHANICAL + bank->extra;
     EACH(l) {
         int within = 1;
@@ -158,8 +158,8 @@ static void lose(filters *f, const hda_bank *bank, const double *begun) {
 }
 
 /* What the channels show beside what is expected of each filter. */
-static void compare(const filters *f, const hda_bank *bank, const double *u, const double *c, const double *measured,
-                    lanes *error) {
+static void compare_channels(const filters *f, const hda_bank *bank, const double *u, const double *c,
+                             const double *measured, lanes *error) {
     EACH(l) {
         double shown[HDA_CHANNELS_MOST], law[HDA_N], beyond[HDA_N], torque[HDA_N], angle[HDA_N], tip[2], rate[2];
         hda_outputs(f->x[l], u, c, shown, shown + HDA_N, law, beyond, torque, shown + 2 * HDA_N, shown + 3 * HDA_N,
@@ -174,12 +174,12 @@ static void compare(const filters *f, const hda_bank *bank, const double *u, con
 
 /* All filters by what a row shows; the log-likelihood of having seen it is added to `told`, and where it is to be
  * judged to `score`. With S = L L' the covariance of what is shown, V = L⁻¹ H P: P loses V'V. */
-static void correct(filters *f, const hda_bank *bank, const double *u, const double *c, const double *measured,
-                    const double *variance, int judged) {
+static void correct_filters(filters *f, const hda_bank *bank, const double *u, const double *c, const double *measured,
+                            const double *variance, int judged) {
     const int M = bank->channels, D = HDA_MECHANICAL + bank->extra;
     lanes error[HDA_CHANNELS_MOST], V[HDA_CHANNELS_MOST][D_MOST], L[HDA_CHANNELS_MOST][HDA_CHANNELS_MOST], inverse,
         likely = {0.0};
-    compare(f, bank, u, c, measured, error);
+    compare_channels(f, bank, u, c, measured, error);
     memset(V, 0, sizeof V);
     for (int i = 0; i < M; i++) {
         for (int k = 0; k < D; k++) {
@@ -249,11 +249,11 @@ void hda_filter(const hda_bank *bank, const double *x, const double *extra, cons
     }
     for (long row = first; row < last; row++) {
         const int judged = (double)(row + 1 - first) > bank->memory[1] * (double)(last - first);
-        advance(&f, bank, u + row * HDA_NU, c, time[row + 1] - time[row]);
-        lose(&f, bank, x);
-        correct(&f, bank, u + (row + 1) * HDA_NU, c, measured + (row + 1) * bank->channels, variance, judged);
+        advance_filters(&f, bank, u + row * HDA_NU, c, time[row + 1] - time[row]);
+        restart_lost(&f, bank, x);
+        correct_filters(&f, bank, u + (row + 1) * HDA_NU, c, measured + (row + 1) * bank->channels, variance, judged);
     }
-    const int best = likeliest(f.score);
+    const int best = find_likeliest(f.score);
     int sound = isfinite(f.score[best]);
     for (int i = 0; i < HDA_NX; i++) sound &= isfinite(f.x[best][i]);
     for (int i = 0; i < HDA_NX; i++) found[i] = sound ? f.x[best][i] : NAN;

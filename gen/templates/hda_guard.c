@@ -18,7 +18,7 @@ typedef struct finding {
 
 static const finding NOTHING = {HDA_FINE, 0};
 
-static int context(const hda_guard *g) {
+static int check_context(const hda_guard *g) {
     if (g == NULL) return HDA_FAULT_CONTEXT;
     if (g->version == 0 && g->size == 0) return HDA_FAULT_UNCONFIGURED;
     return g->version == HDA_GUARD_VERSION && g->size == sizeof(hda_guard) ? HDA_FINE : HDA_FAULT_CONTEXT;
@@ -31,11 +31,11 @@ static int force_limited(const hda_guard *g) {
 /* ---- faults ---- */
 
 /* The first fault since the last read, or that it was read. */
-static int refusal(const hda_guard *g) {
+static int refusal_code(const hda_guard *g) {
     return g->fault.code != HDA_FINE ? g->fault.code : HDA_LATCHED;
 }
 
-static void latch(hda_guard *g, finding found, const hda_measurement *m, const double *raw) {
+static void latch_fault(hda_guard *g, finding found, const hda_measurement *m, const double *raw) {
     hda_fault *f = &g->fault;
     if (!g->latched) {
         g->latched = 1;
@@ -60,11 +60,11 @@ static void latch(hda_guard *g, finding found, const hda_measurement *m, const d
 
 static void latch_code(hda_guard *g, int code) {
     const finding found = {code, 0};
-    latch(g, found, NULL, NULL);
+    latch_fault(g, found, NULL, NULL);
 }
 
 int hda_guard_read(hda_guard *g, hda_fault *fault) {
-    const int bad = context(g);
+    const int bad = check_context(g);
     if (bad != HDA_FINE) return bad;
     const int code = g->fault.code;
     if (fault != NULL) {
@@ -108,7 +108,7 @@ static int check_stale(hda_guard *g, const hda_measurement *m) {
 }
 
 /* Every check runs in every tick, as each also says what the safe law may stand on; the first that fails counts. */
-static finding observe(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count) {
+static finding observe_inputs(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count) {
     double measured[MEASURED];
     finding found = {check_time(g, now, m->stamp), 0};
     memcpy(measured, m, sizeof measured);
@@ -139,14 +139,14 @@ static finding observe(hda_guard *g, double now, const hda_measurement *m, const
 
 /* What a tick counts for in the rate limit: the time since the last torque, no less than period_min (a clock that
  * claims less, or nothing, must not keep the torque from falling), no more than period (no larger step when late). */
-static double counted(const hda_guard *g, double now) {
+static double counted_time(const hda_guard *g, double now) {
     const double since = now - g->sent_time;
     if (!g->started || !(since > g->config.period_min)) return g->config.period_min;
     return since < g->config.period ? since : g->config.period;
 }
 
 int hda_guard_begin_held(hda_guard *g, double now, const hda_measurement *m, const double *reference, int count) {
-    const int bad = context(g);
+    const int bad = check_context(g);
     if (bad != HDA_FINE) return bad;
     const int callable = m != NULL && count >= 0 && count <= HDA_REFERENCE_MAX && (reference != NULL || count == 0);
     const int nested = g->open;
@@ -154,26 +154,26 @@ int hda_guard_begin_held(hda_guard *g, double now, const hda_measurement *m, con
     g->open = 1;
     g->now = now;
     g->level = HDA_SAFE_ZERO;
-    g->elapsed = counted(g, now);
+    g->elapsed = counted_time(g, now);
     g->reference_count = callable ? count : 0;
     if (callable) {
         if (count > 0) memcpy(g->reference, reference, (size_t)count * sizeof(double));
-        const finding seen = observe(g, now, m, reference, count);
+        const finding seen = observe_inputs(g, now, m, reference, count);
         if (!nested) found = seen;
     }
     if (hda_finite(now)) {
         g->tick_time = now;
         g->started = 1;
     }
-    if (found.code != HDA_FINE) latch(g, found, m, NULL);
-    if (g->latched) return refusal(g);
+    if (found.code != HDA_FINE) latch_fault(g, found, m, NULL);
+    if (g->latched) return refusal_code(g);
     return g->repeated_stamps > 0 ? HDA_MEASUREMENT_REPEATED : HDA_FINE;
 }
 
 /* ---- what goes out ---- */
 
 /* One step from the torque sent last straight towards target: where both ends keep the force limit, so does the way. */
-static void approach(const hda_guard *g, const double *target, const double *step, double *out) {
+static void approach_target(const hda_guard *g, const double *target, const double *step, double *out) {
     double steps = 0.0;
     for (int j = 0; j < HDA_N; j++) {
         const double gap = hda_magnitude(target[j] - g->sent[j]);
@@ -193,7 +193,7 @@ static int keep_force(const hda_guard *g, const double *step, double *out) {
     if (!force_limited(g) || !g->map_known) return HDA_FINE;
     const double force = hda_guard_force(g->force_map, out);
     if (force <= limit) return HDA_FINE;
-    approach(g, zero, step, low);
+    approach_target(g, zero, step, low);
     const double least = hda_guard_force(g->force_map, low);
     const double share = least <= limit ? (limit - least) / (force - least) : 0.0;
     for (int j = 0; j < HDA_N; j++) {
@@ -223,7 +223,7 @@ static int limit_result(const hda_guard *g, const double *raw, const double *ste
     }
     if (force_limited(g)) {
         for (int j = 0; j < HDA_N; j++) wanted[j] /= over;
-        approach(g, wanted, step, out);
+        approach_target(g, wanted, step, out);
     }
     int status = share < 1.0 ? HDA_FORCE_LIMITED : over > 1.0 ? HDA_TORQUE_LIMITED : HDA_FINE;
     for (int j = 0; j < HDA_N; j++)
@@ -251,13 +251,13 @@ static void safe_torque(hda_guard *g, int level, const double *step, double *out
         const int first = g->safe_ticks == 0; /* the law alone sets where its torque starts */
         g->target[j] = hda_limit(share * law[j], first ? 0.0 : g->target[j], limit, first ? limit : 0.5 * step[j]);
     }
-    approach(g, g->target, step, out);
+    approach_target(g, g->target, step, out);
     (void)keep_force(g, step, out); /* already refused: out is as near to the force limit as the rate allows */
     if (g->elapsed >= c->period_min && g->safe_ticks < INT32_MAX) g->safe_ticks++;
 }
 
 /* The last assertion, and out. It fails only where the context was overwritten: no limit is known, so zero is sent. */
-static int send(hda_guard *g, const double *step, const double *out, double time, int status, double *torque) {
+static int send_torque(hda_guard *g, const double *step, const double *out, double time, int status, double *torque) {
     int legal = 1;
     for (int j = 0; j < HDA_N; j++) {
         const double limit = g->config.torque_limit[j], last = g->sent[j];
@@ -268,7 +268,7 @@ static int send(hda_guard *g, const double *step, const double *out, double time
     for (int j = 0; j < HDA_N; j++) torque[j] = g->sent[j] = legal ? out[j] : 0.0;
     g->sent_time = time;
     g->elapsed = 0.0; /* spent: a second torque before the next tick is the same torque */
-    return g->latched ? refusal(g) : status;
+    return g->latched ? refusal_code(g) : status;
 }
 
 static void rate_steps(const hda_guard *g, double *step) {
@@ -302,7 +302,7 @@ static finding check_result(hda_guard *g, const double *raw, const double *force
 }
 
 int hda_guard_end_held(hda_guard *g, const double *raw, const double *force_map, double *torque) {
-    const int bad = context(g);
+    const int bad = check_context(g);
     double step[HDA_N], out[HDA_N];
     int status = HDA_FINE;
     if (bad != HDA_FINE) return send_zero(bad, torque);
@@ -310,23 +310,23 @@ int hda_guard_end_held(hda_guard *g, const double *raw, const double *force_map,
     g->open = 0;
     if (torque == NULL) {
         latch_code(g, HDA_FAULT_CALL);
-        return refusal(g);
+        return refusal_code(g);
     }
     rate_steps(g, step);
     const finding result = check_result(g, raw, force_map);
-    if (result.code != HDA_FINE) latch(g, result, NULL, raw);
+    if (result.code != HDA_FINE) latch_fault(g, result, NULL, raw);
     if (!g->latched) {
         const finding limits = {limit_result(g, raw, step, out), 0};
         status = limits.code;
-        if (status < 0) latch(g, limits, NULL, raw);
+        if (status < 0) latch_fault(g, limits, NULL, raw);
     }
     if (g->latched) safe_torque(g, g->level, step, out);
     if (g->repeated_stamps > 0 && status >= 0) status = HDA_MEASUREMENT_REPEATED;
-    return send(g, step, out, g->tick_time, status, torque);
+    return send_torque(g, step, out, g->tick_time, status, torque);
 }
 
 int hda_guard_watchdog_held(hda_guard *g, double now, double *torque) {
-    const int bad = context(g);
+    const int bad = check_context(g);
     double step[HDA_N], out[HDA_N];
     int code = HDA_FINE;
     if (bad != HDA_FINE) return send_zero(bad, torque);
@@ -342,23 +342,23 @@ int hda_guard_watchdog_held(hda_guard *g, double now, double *torque) {
         g->now = now;
         latch_code(g, code);
     }
-    if (torque == NULL) return refusal(g);
+    if (torque == NULL) return refusal_code(g);
     if (code == HDA_FINE) {
         memcpy(torque, g->sent, sizeof g->sent);
-        return g->latched ? refusal(g) : HDA_FINE;
+        return g->latched ? refusal_code(g) : HDA_FINE;
     }
     const double since = now - g->sent_time;
-    g->elapsed = counted(g, now);
+    g->elapsed = counted_time(g, now);
     if (code == HDA_FAULT_WATCHDOG && since >= 0.0 && since < g->elapsed) g->elapsed = since;
     rate_steps(g, step);
     safe_torque(g, HDA_SAFE_ZERO, step, out);
-    return send(g, step, out, code == HDA_FAULT_WATCHDOG ? now : g->sent_time, code, torque);
+    return send_torque(g, step, out, code == HDA_FAULT_WATCHDOG ? now : g->sent_time, code, torque);
 }
 
 /* ---- recover ---- */
 
 int hda_guard_recover_held(hda_guard *g, double now, const hda_measurement *m) {
-    const int bad = context(g);
+    const int bad = check_context(g);
     double measured[MEASURED];
     if (bad != HDA_FINE) return bad;
     if (m == NULL) return HDA_RECOVER_CALL;

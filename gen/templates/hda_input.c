@@ -22,7 +22,8 @@ void hda_input_reset(hda_input_state *state, const double *before, const double 
 /* Of joint j's current, `delay` s late, over the newest row: its mean, and what acts at the row's end, each row's part
  * of it through the lag, exactly, so that a lag which vanishes leaves the delay alone. The oldest row is taken to begin
  * before all time. */
-static void passed(const hda_input_state *state, int j, double delay, double lag, double *mean, double *acts) {
+static void apply_delay_and_lag(const hda_input_state *state, int j, double delay, double lag, double *mean,
+                                double *acts) {
     const double h = state->length[state->newest];
     double begin = delay, end = delay + h; /* of the row that is looked at, after the delay */
     long row = state->newest;
@@ -41,7 +42,7 @@ static void passed(const hda_input_state *state, int j, double delay, double lag
 
 /* Joint j's current, `delay` s late, at the end of the newest row; a delay of whole rows is one though rounding splits
  * them: what arrives at that end does not act yet. */
-static double late(const hda_input_state *state, int j, double delay) {
+static double delayed_current(const hda_input_state *state, int j, double delay) {
     const double h = WHOLE * state->length[state->newest];
     double begin = delay; /* of the row that is looked at, after the delay */
     long row = state->newest;
@@ -64,11 +65,11 @@ void hda_input_step(hda_input_state *state, const double *command, const double 
         const double d = delay[j] > 0.0 ? delay[j] : 0.0;
         mean[j] = at_end[j] = through[j];
         if (d > 0.0 || lag[j] > 0.0) {
-            passed(state, j, d, lag[j], &mean[j], &at_end[j]);
+            apply_delay_and_lag(state, j, d, lag[j], &mean[j], &at_end[j]);
             if (lag[j] > 0.0)
                 mean[j] += (state->acting[j] - at_end[j]) * lag[j] / h;
             else
-                at_end[j] = late(state, j, d);
+                at_end[j] = delayed_current(state, j, d);
         }
         state->acting[j] = at_end[j];
     }

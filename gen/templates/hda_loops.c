@@ -20,8 +20,8 @@ static int prepare_law(const hda_loops *loops, const double *gains, double *k) {
 #define STORE(from, to, count) \
     for (int i = 0; i < (count); i++) memcpy((to)[i], &(from)[i], sizeof(hda_batch))
 
-static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST],
-                  double tip[][HDA_LOOPS_WIDEST]) {
+static void read_sensors(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST],
+                         double tip[][HDA_LOOPS_WIDEST]) {
     hda_batch x[HDA_NX], u[HDA_NU], theta[HDA_N], q[HDA_N], at[2];
     memset(u, 0, sizeof u);
     LOAD(x, loops->x, HDA_NX);
@@ -31,8 +31,8 @@ static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOO
     STORE(at, tip, 2);
 }
 
-static void control(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference, const double *known,
-                    double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST]) {
+static void run_controller(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference,
+                           const double *known, double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST]) {
     hda_batch m[2 * HDA_N + 2], sent[HDA_N], gains[HDA_GAINS_MOST], k[LOOPS_PREPARED], state[HDA_MEMORY_MOST],
         torque[HDA_N], next[HDA_MEMORY_MOST];
     memset(next, 0, sizeof next);
@@ -47,8 +47,8 @@ static void control(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const
 }
 
 /* RK4 of all lanes, the input held. */
-static void move(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const double *push, const double *c, double h,
-                 long steps) {
+static void step_lanes(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const double *push, const double *c,
+                       double h, long steps) {
     hda_batch x[HDA_NX], u[HDA_NU], k[HDA_NX], y[HDA_NX], from[HDA_NX];
     const double reach[4] = {0.5 * h, 0.5 * h, h, 0.0}, weight[4] = {h / 6.0, h / 3.0, h / 3.0, h / 6.0};
     LOAD(x, loops->x, HDA_NX);
@@ -89,8 +89,8 @@ static int prepare_law(const hda_loops *loops, const double *gains, double *k) {
     return 0;
 }
 
-static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST],
-                  double tip[][HDA_LOOPS_WIDEST]) {
+static void read_sensors(const hda_loops *loops, const double *c, double seen[][HDA_LOOPS_WIDEST],
+                         double tip[][HDA_LOOPS_WIDEST]) {
     double x[HDA_NX], u[HDA_NU] = {0.0}, theta[HDA_N], q[HDA_N], at[2], side[6][HDA_N], speed[2];
     COLUMN(x, loops->x, HDA_NX);
     hda_outputs(x, u, c, theta, side[0], side[1], side[2], side[3], q, side[4], side[5], at, speed);
@@ -99,8 +99,8 @@ static void sense(const hda_loops *loops, const double *c, double seen[][HDA_LOO
     BACK(at, tip, 2);
 }
 
-static void control(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference, const double *known,
-                    double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST]) {
+static void run_controller(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference,
+                           const double *known, double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST]) {
     double m[2 * HDA_N + 2], sent[HDA_N], gains[HDA_GAINS_MOST], state[HDA_MEMORY_MOST], torque[HDA_N],
         next[HDA_MEMORY_MOST] = {0.0};
     COLUMN(m, measured, 2 * HDA_N + 2);
@@ -112,8 +112,8 @@ static void control(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const
     BACK(next, later, HDA_MEMORY_MOST);
 }
 
-static void move(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const double *push, const double *c, double h,
-                 long steps) {
+static void step_lanes(hda_loops *loops, double input[][HDA_LOOPS_WIDEST], const double *push, const double *c,
+                       double h, long steps) {
     double x[HDA_NX], u[HDA_NU];
     COLUMN(x, loops->x, HDA_NX);
     COLUMN(u, input, HDA_N);
@@ -167,7 +167,8 @@ static double read_out(double value, double resolution) {
 }
 
 /* The law's memory at its first tick, lane by lane. */
-static void start(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference, const double *known) {
+static void start_memory(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const double *reference,
+                         const double *known) {
     double m[2 * HDA_N + 2], state[HDA_MEMORY_MOST] = {0.0};
     for (int lane = 0; lane < WIDTH; lane++) {
         for (int i = 0; i < 2 * HDA_N + 2; i++) m[i] = measured[i][lane];
@@ -177,8 +178,8 @@ static void start(hda_loops *loops, double measured[][HDA_LOOPS_WIDEST], const d
 }
 
 /* Size and rate, as the guard limits a vector without a limit of force; then the input stage. */
-static void send(hda_loops *loops, double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST], const double *c,
-                 double input[][HDA_LOOPS_WIDEST]) {
+static void send_torques(hda_loops *loops, double raw[][HDA_LOOPS_WIDEST], double later[][HDA_LOOPS_WIDEST],
+                         const double *c, double input[][HDA_LOOPS_WIDEST]) {
     const double *s = loops->settings, *limit = s + 3 + 2 * HDA_N, *rate = limit + HDA_N, *constant = rate + HDA_N;
     const double elapsed = loops->ticks ? s[0] : 0.5 * s[0]; /* the guard's first tick counts as its shortest period */
     for (int lane = 0; lane < WIDTH; lane++) {
@@ -207,7 +208,7 @@ void hda_loops_tick(hda_loops *loops, const double *reference, const double *pus
     const double *s = loops->settings;
     const long now = loops->ticks % (HDA_LOOPS_LATE + 1), delay = (long)s[2];
     const long late = loops->ticks < delay ? 0 : (loops->ticks - delay) % (HDA_LOOPS_LATE + 1);
-    sense(loops, c, seen, at);
+    read_sensors(loops, c, seen, at);
     for (int i = 0; i < 2 * HDA_N; i++) {
         for (int lane = 0; lane < WIDTH; lane++)
             loops->seen[now][i][lane] = read_out(seen[i][lane] + noise[i], s[3 + i]);
@@ -217,13 +218,13 @@ void hda_loops_tick(hda_loops *loops, const double *reference, const double *pus
         for (int i = 0; i < 2 * HDA_N; i++) measured[i][lane] = loops->seen[late][i][lane];
         for (int i = 0; i < 2; i++) measured[2 * HDA_N + i][lane] = loops->felt[late][i];
     }
-    if (!loops->ticks) start(loops, measured, reference, known);
-    control(loops, measured, reference, known, raw, later);
-    send(loops, raw, later, c, input);
+    if (!loops->ticks) start_memory(loops, measured, reference, known);
+    run_controller(loops, measured, reference, known, raw, later);
+    send_torques(loops, raw, later, c, input);
     for (int lane = 0; lane < WIDTH; lane++) {
         for (int i = 0; i < 2; i++) tip[lane * 2 + i] = at[i][lane];
         for (int j = 0; j < HDA_N; j++) sent[lane * HDA_N + j] = loops->sent[j][lane];
     }
-    move(loops, input, push, c, s[0] / s[1], (long)s[1]);
+    step_lanes(loops, input, push, c, s[0] / s[1], (long)s[1]);
     loops->ticks++;
 }

@@ -35,7 +35,7 @@ static const double c_[6][5] = {
 };
 
 /* LU with row exchange in place; 0 where the matrix is singular. */
-static int factor(double A[HDA_NX][HDA_NX], int *row) {
+static int factor_matrix(double A[HDA_NX][HDA_NX], int *row) {
     for (int k = 0; k < HDA_NX; k++) {
         int best = k;
         for (int i = k + 1; i < HDA_NX; i++) {
@@ -60,7 +60,7 @@ static int factor(double A[HDA_NX][HDA_NX], int *row) {
     return 1;
 }
 
-static void solve(double A[HDA_NX][HDA_NX], const int *row, double *b) {
+static void solve_factored(double A[HDA_NX][HDA_NX], const int *row, double *b) {
     for (int k = 0; k < HDA_NX; k++) {
         const double t = b[row[k]];
         b[row[k]] = b[k];
@@ -75,19 +75,19 @@ static void solve(double A[HDA_NX][HDA_NX], const int *row, double *b) {
     }
 }
 
-static double lost(double *out) {
+static double give_up(double *out) {
     for (int i = 0; i < HDA_NX; i++) out[i] = NAN;
     return INFINITY;
 }
 
 /* One step; returns the error estimate as a multiple of the tolerance, infinite where the result is not a number. */
-static double rodas(const double *x, const double *u, const double *c, const double *J, double h, double *out) {
+static double rodas_step(const double *x, const double *u, const double *c, const double *J, double h, double *out) {
     double A[HDA_NX][HDA_NX], k[6][HDA_NX], y[HDA_NX], f[HDA_NX], worst = 0.0;
     int row[HDA_NX];
     for (int i = 0; i < HDA_NX; i++) {
         for (int j = 0; j < HDA_NX; j++) A[i][j] = (i == j ? 1.0 / (h * gamma_) : 0.0) - J[j * HDA_NX + i];
     }
-    if (!factor(A, row)) return lost(out);
+    if (!factor_matrix(A, row)) return give_up(out);
     for (int stage = 0; stage < 6; stage++) {
         for (int i = 0; i < HDA_NX; i++) {
             double sum = x[i];
@@ -100,20 +100,20 @@ static double rodas(const double *x, const double *u, const double *c, const dou
             for (int m = 0; m < stage; m++) sum += c_[stage][m] * k[m][i];
             k[stage][i] = f[i] + sum / h;
         }
-        solve(A, row, k[stage]);
+        solve_factored(A, row, k[stage]);
     }
     for (int i = 0; i < HDA_NX; i++) {
         out[i] = y[i] + k[5][i];
         const double e = fabs(k[5][i]) / (HDA_TOLERANCE * (bound[i] + fabs(x[i])));
         worst = e <= worst ? worst : e < INFINITY && worst < INFINITY ? e : INFINITY;
     }
-    return worst < INFINITY ? worst : lost(out);
+    return worst < INFINITY ? worst : give_up(out);
 }
 
 /* The step in parts that keep the tolerance: halves of halves, at most HDA_MOST_PARTS of them, whose lengths go to
  * `lengths`. Returns their number. The error goes with the fourth power of a part, so a part is doubled where 16 times
  * its error is fine. */
-static int adapt(const double *x, const double *u, const double *c, double h, double *lengths, double *out) {
+static int adapt_parts(const double *x, const double *u, const double *c, double h, double *lengths, double *out) {
     double at[HDA_NX], next[HDA_NX], by_x[HDA_NX * HDA_NX];
     long part = 0, whole = 1; /* the step is divided into `whole` parts, `part` of which are done */
     int count = 0;
@@ -121,7 +121,7 @@ static int adapt(const double *x, const double *u, const double *c, double h, do
     while (part < whole) {
         double error;
         hda_state_jacobian(at, u, c, by_x);
-        while ((error = rodas(at, u, c, by_x, h / (double)whole, next)) > 1.0 && whole < HDA_MOST_PARTS) {
+        while ((error = rodas_step(at, u, c, by_x, h / (double)whole, next)) > 1.0 && whole < HDA_MOST_PARTS) {
             part *= 2;
             whole *= 2;
         }
@@ -138,13 +138,14 @@ static int adapt(const double *x, const double *u, const double *c, double h, do
 }
 
 /* The step in given parts. */
-static void follow(const double *x, const double *u, const double *c, const double *lengths, int count, double *out) {
+static void follow_parts(const double *x, const double *u, const double *c, const double *lengths, int count,
+                         double *out) {
     double at[HDA_NX], by_x[HDA_NX * HDA_NX];
     memcpy(at, x, sizeof at);
     for (int k = 0; k < count; k++) {
         double next[HDA_NX];
         hda_state_jacobian(at, u, c, by_x);
-        rodas(at, u, c, by_x, lengths[k], next);
+        rodas_step(at, u, c, by_x, lengths[k], next);
         memcpy(at, next, sizeof at);
     }
     memcpy(out, at, sizeof at);
@@ -152,7 +153,7 @@ static void follow(const double *x, const double *u, const double *c, const doub
 
 void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) {
     double lengths[HDA_MOST_PARTS];
-    adapt(x, u, c, *h, lengths, out);
+    adapt_parts(x, u, c, *h, lengths, out);
 }
 
 /* Central differences over the parts of the step itself, so that no change of parts disturbs them. */
@@ -163,7 +164,7 @@ void hda_step_jacobian(const double *x, const double *u, const double *p, const 
     memcpy(w + HDA_NX, u, HDA_NU * sizeof *w);
     memcpy(w + HDA_NX + HDA_NU, p, HDA_NP * sizeof *w);
     hda_prepare(w + HDA_NX + HDA_NU, c);
-    const int count = adapt(w, w + HDA_NX, c, *h, lengths, next);
+    const int count = adapt_parts(w, w + HDA_NX, c, *h, lengths, next);
     for (int j = 0; j < HDA_NX + HDA_NU + HDA_NP; j++) {
         const int parameter = j >= HDA_NX + HDA_NU;
         const double keep = w[j], d = 6e-6 * (fabs(keep) + width[j]);
@@ -172,10 +173,10 @@ void hda_step_jacobian(const double *x, const double *u, const double *p, const 
                                      : by_u + (j - HDA_NX) * HDA_NX;
         w[j] = keep + d;
         if (parameter) hda_prepare(w + HDA_NX + HDA_NU, c);
-        follow(w, w + HDA_NX, c, lengths, count, high);
+        follow_parts(w, w + HDA_NX, c, lengths, count, high);
         w[j] = keep - d;
         if (parameter) hda_prepare(w + HDA_NX + HDA_NU, c);
-        follow(w, w + HDA_NX, c, lengths, count, low);
+        follow_parts(w, w + HDA_NX, c, lengths, count, low);
         w[j] = keep;
         for (int i = 0; i < HDA_NX; i++) column[i] = (high[i] - low[i]) / (2.0 * d);
     }

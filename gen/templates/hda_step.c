@@ -17,7 +17,7 @@ static const int slide[HDA_N] = HDA_SLIDE; /* entry of x whose sign is the direc
 
 /* ---- explicit Runge-Kutta of order four ---- */
 
-static void rk4(const double *x, const double *u, const double *s, const double *c, double h, double *out) {
+static void rk4_step(const double *x, const double *u, const double *s, const double *c, double h, double *out) {
     double k[4][HDA_NX], y[HDA_NX];
     const double reach[3] = {0.5 * h, 0.5 * h, h};
     for (int stage = 0; stage < 4; stage++) {
@@ -38,12 +38,12 @@ static void rk4(const double *x, const double *u, const double *s, const double 
 
 void hda_step_sliding(const double *x, const double *u, const double *sliding, const double *c, double h,
                       double *next) {
-    rk4(x, u, sliding, c, h, next);
+    rk4_step(x, u, sliding, c, h, next);
 }
 
 #if !HDA_STIFF
 void hda_step(const double *x, const double *u, const double *c, const double *h, double *out) {
-    rk4(x, u, NULL, c, *h, out);
+    rk4_step(x, u, NULL, c, *h, out);
 }
 #endif
 
@@ -54,8 +54,8 @@ void hda_step(const double *x, const double *u, const double *c, const double *h
 /* ---- the derivatives of the smooth step; with stiff memories both stand in hda_rodas.c ---- */
 
 /* D = ∂k/∂w by the chain through the stages: D = A (∂x/∂w + reach D before) + B, for each block of columns w. */
-static void chain(const double *A, const double *B, const double *before, double reach, int identity, int columns,
-                  double *D) {
+static void chain_derivative(const double *A, const double *B, const double *before, double reach, int identity,
+                             int columns, double *D) {
     for (int j = 0; j < columns; j++) {
         double moved[HDA_NX];
         for (int i = 0; i < HDA_NX; i++)
@@ -82,9 +82,9 @@ void hda_step_jacobian(const double *x, const double *u, const double *p, const 
         for (int i = 0; i < HDA_NX; i++) y[i] = x0[i] + (stage ? reach[stage] * k[i] : 0.0);
         hda_rhs_jacobian(y, u, c, J, J + WX, J + WX + WU);
         hda_rhs(y, u, c, k);
-        chain(J, NULL, before, reach[stage], 1, HDA_NX, now);
-        chain(J, J + WX, before ? before + WX : NULL, reach[stage], 0, HDA_NU, now + WX);
-        chain(J, J + WX + WU, before ? before + WX + WU : NULL, reach[stage], 0, HDA_NP, now + WX + WU);
+        chain_derivative(J, NULL, before, reach[stage], 1, HDA_NX, now);
+        chain_derivative(J, J + WX, before ? before + WX : NULL, reach[stage], 0, HDA_NU, now + WX);
+        chain_derivative(J, J + WX + WU, before ? before + WX + WU : NULL, reach[stage], 0, HDA_NP, now + WX + WU);
         for (int i = 0; i < W; i++) sum[i] += *h / 6.0 * weight[stage] * now[i];
         for (int i = 0; i < HDA_NX; i++) total[i] += *h / 6.0 * weight[stage] * k[i];
     }
@@ -104,8 +104,8 @@ enum { OPEN = 0, HELD = 2, MOST_ROUNDS = 4 * HDA_N, MOST_EVENTS = 4 * HDA_N, MOS
 
 /* The open joint at rest that is pushed furthest over what dry friction can hold, -1 if none; `push` is its direction
  * then. One whose load is not a number gives way too, so that it shows. */
-static int overloaded(const double *x, const double *u, const double *c, const int *decided, const double *s,
-                      double *push) {
+static int find_overloaded(const double *x, const double *u, const double *c, const int *decided, const double *s,
+                           double *push) {
     double hold[HDA_N], level[HDA_N], most = 0.0;
     int which = -1;
     hda_holding(x, u, s, c, hold, level);
@@ -121,7 +121,7 @@ static int overloaded(const double *x, const double *u, const double *c, const i
 }
 
 /* The open joint at rest that was let go in direction s and is pulled back, -1 if none. */
-static int pulled_back(const double *x, const double *u, const double *c, const int *decided, const double *s) {
+static int find_pulled_back(const double *x, const double *u, const double *c, const int *decided, const double *s) {
     double rate[HDA_NX];
     int let_go = 0;
     for (int j = 0; j < HDA_N; j++) let_go |= x[slide[j]] == 0.0 && s[j] != 0.0;
@@ -136,7 +136,7 @@ static int pulled_back(const double *x, const double *u, const double *c, const 
 /* The direction of each joint: that of its speed; at rest what was decided within the step. An open one stays while dry
  * friction can hold it, else it gives way, one joint after the other, because each changes what its neighbours carry;
  * one that they pull back stays after all. */
-static void choose(const double *x, const double *u, const double *c, const int *decided, double *s) {
+static void choose_directions(const double *x, const double *u, const double *c, const int *decided, double *s) {
     int open = 0;
     for (int j = 0; j < HDA_N; j++) {
         const double speed = x[slide[j]];
@@ -145,12 +145,12 @@ static void choose(const double *x, const double *u, const double *c, const int 
     }
     for (int round = 0; open && round < MOST_ROUNDS; round++) {
         double push;
-        int which = overloaded(x, u, c, decided, s, &push);
+        int which = find_overloaded(x, u, c, decided, s, &push);
         if (which >= 0) {
             s[which] = push;
             continue;
         }
-        which = pulled_back(x, u, c, decided, s);
+        which = find_pulled_back(x, u, c, decided, s);
         if (which < 0) return;
         s[which] = 0.0;
     }
@@ -158,7 +158,8 @@ static void choose(const double *x, const double *u, const double *c, const int 
 
 /* What each joint has left before it changes, below 0 when it is overdue: its speed along its direction; at rest what
  * dry friction can still hold, with the direction of the push. */
-static void margins(const double *x, const double *u, const double *c, const double *s, double *margin, int *push) {
+static void find_margins(const double *x, const double *u, const double *c, const double *s, double *margin,
+                         int *push) {
     double hold[HDA_N] = {0}, level[HDA_N] = {0};
     int rests = 0;
     for (int j = 0; j < HDA_N; j++) rests |= s[j] == 0.0;
@@ -188,13 +189,13 @@ static int first_change(const double *before, const double *after, const double 
 
 /* The share of h at which the margin of joint j is 0, to rounding, with the state there in `next`: regula falsi, and
  * Illinois halves the value at an end that stays. */
-static double locate(const double *x, const double *u, const double *c, const double *s, double h, int j, double from,
-                     double to, double share, double *next) {
+static double locate_change(const double *x, const double *u, const double *c, const double *s, double h, int j,
+                            double from, double to, double share, double *next) {
     double a = 0.0, b = 1.0, margin[HDA_N];
     int push[HDA_N], side = 0;
     for (int trial = 0;; trial++) {
         hda_step_sliding(x, u, s, c, share * h, next);
-        margins(next, u, c, s, margin, push);
+        find_margins(next, u, c, s, margin, push);
         const double f = margin[j];
         if (f > 0.0) {
             a = share;
@@ -213,24 +214,24 @@ static double locate(const double *x, const double *u, const double *c, const do
     }
 }
 
-static void exact(const double *x, const double *u, const double *c, double h, double *out) {
+static void step_set_valued(const double *x, const double *u, const double *c, double h, double *out) {
     double at[HDA_NX], next[HDA_NX], s[HDA_N], before[HDA_N], after[HDA_N], left = h;
     int decided[HDA_N] = {OPEN}, push[HDA_N], which = 0;
     memcpy(at, x, sizeof at);
     for (int event = 0; event < MOST_EVENTS; event++) {
         double share = 1.0;
-        choose(at, u, c, decided, s);
-        margins(at, u, c, s, before, push);
+        choose_directions(at, u, c, decided, s);
+        find_margins(at, u, c, s, before, push);
         hda_step_sliding(at, u, s, c, left, next);
-        margins(next, u, c, s, after, push);
+        find_margins(next, u, c, s, after, push);
         which = first_change(before, after, s, decided, &share);
         if (which < 0) break;
         if (share < 0.0) { /* friction holds it after all */
             decided[which] = HELD;
             continue;
         }
-        share = locate(at, u, c, s, left, which, before[which], after[which], share, next);
-        margins(next, u, c, s, after, push);
+        share = locate_change(at, u, c, s, left, which, before[which], after[which], share, next);
+        find_margins(next, u, c, s, after, push);
         for (int j = 0; j < HDA_N; j++) {
             if (s[j] == 0.0) {
                 if (j == which) decided[j] = push[j];
@@ -244,7 +245,7 @@ static void exact(const double *x, const double *u, const double *c, double h, d
     }
     if (which >= 0) { /* too many changes in one step: whoever rests now rests until its end */
         for (int j = 0; j < HDA_N; j++) decided[j] = at[slide[j]] == 0.0 ? HELD : OPEN;
-        choose(at, u, c, decided, s);
+        choose_directions(at, u, c, decided, s);
         hda_step_sliding(at, u, s, c, left, next);
     }
     for (int j = 0; j < HDA_N; j++) {
@@ -262,14 +263,14 @@ void hda_step_exact(const double *x, const double *u, const double *c, const dou
 #endif
     double at[HDA_NX];
     memcpy(at, x, sizeof at);
-    for (long part = 0; part < parts; part++) exact(at, u, c, *h / (double)parts, at);
+    for (long part = 0; part < parts; part++) step_set_valued(at, u, c, *h / (double)parts, at);
     memcpy(out, at, sizeof at);
 }
 
 /* ---- rollouts: row k of u is held for dt[k]; x has a row more than u ---- */
 
-static void roll(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
-                 int set_valued, double *x) {
+static void roll_out(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
+                     int set_valued, double *x) {
     memmove(x, x0, HDA_NX * sizeof *x);
     for (long k = 0; k < rows; k++) {
         const double *from = x + k * HDA_NX;
@@ -288,10 +289,10 @@ static void roll(const double *x0, const double *u, const double *c, const doubl
 
 void hda_rollout(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
                  double *x) {
-    roll(x0, u, c, dt, rows, most, 0, x);
+    roll_out(x0, u, c, dt, rows, most, 0, x);
 }
 
 void hda_rollout_exact(const double *x0, const double *u, const double *c, const double *dt, long rows, double most,
                        double *x) {
-    roll(x0, u, c, dt, rows, most, 1, x);
+    roll_out(x0, u, c, dt, rows, most, 1, x);
 }

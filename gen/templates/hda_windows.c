@@ -12,7 +12,7 @@
 
 enum { OWN = HDA_NX - HDA_MECHANICAL }; /* the effects' own states */
 
-static int allowed(const double *x, const double *limit) {
+static int is_allowed(const double *x, const double *limit) {
     for (int i = 0; i < HDA_NX; i++) {
         if (!(fabs(x[i]) <= limit[i])) return 0;
     }
@@ -32,13 +32,13 @@ void hda_rollout_windows(const double *begun, const double *memory, const int *e
             for (int i = 0; i < HDA_NX; i++) x[i] = now[i] + (good && jump ? jump[k * HDA_NX + i] : 0.0);
             if (!good) continue;
             hda_rollout_exact(x, u + k * HDA_NU, c, dt + k, 1, most, path);
-            good = allowed(path + HDA_NX, limit);
+            good = is_allowed(path + HDA_NX, limit);
             memcpy(now, good ? path + HDA_NX : x, sizeof now);
         }
     }
 }
 
-static long inside(const int *edges, long windows) {
+static long count_rows_inside(const int *edges, long windows) {
     long rows = 0;
     for (long w = 0; w < windows; w++) rows += edges[2 * w + 1] - edges[2 * w];
     return rows;
@@ -61,12 +61,13 @@ typedef struct {
 } lanes;
 
 /* b in the lanes of the mask, a in the others. */
-static inline __attribute__((always_inline)) void put(const hda_batch_bits *mask, const hda_batch *b, hda_batch *a) {
+static inline __attribute__((always_inline)) void replace_lanes(const hda_batch_bits *mask, const hda_batch *b,
+                                                                hda_batch *a) {
     *a = (hda_batch)((*mask & (hda_batch_bits)*b) | (~*mask & (hda_batch_bits)*a));
 }
 
 /* The set-valued step of a lane alone. */
-static void single(const hda_batch *from, int lane, const double *u, const double *c, double h, hda_batch *to) {
+static void step_single(const hda_batch *from, int lane, const double *u, const double *c, double h, hda_batch *to) {
     double x[HDA_NX];
     for (int i = 0; i < HDA_NX; i++) x[i] = from[i][lane];
     hda_step_exact(x, u, c, &h, x);
@@ -74,8 +75,8 @@ static void single(const hda_batch *from, int lane, const double *u, const doubl
 }
 
 /* Lanes in which dry friction holds every motor that rests, s being 0. */
-static __attribute__((noinline)) void held(const hda_batch *x, const hda_batch *u, const hda_batch *s,
-                                           const hda_batch *c, hda_batch_bits *all) {
+static __attribute__((noinline)) void find_held(const hda_batch *x, const hda_batch *u, const hda_batch *s,
+                                                const hda_batch *c, hda_batch_bits *all) {
     hda_batch hold[HDA_N], level[HDA_N], size;
     batch_holding(x, u, s, c, hold, level);
     for (int j = 0; j < HDA_N; j++) {
@@ -85,8 +86,8 @@ static __attribute__((noinline)) void held(const hda_batch *x, const hda_batch *
 }
 
 /* The set-valued step of all lanes; what becomes of those that are not `good` does not matter. */
-static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h, const hda_batch_bits *good,
-                 hda_batch *x) {
+static void step_lanes(const lanes *of, long k, const hda_batch *u, const hda_batch *c, double h,
+                       const hda_batch_bits *good, hda_batch *x) {
     hda_batch from[HDA_NX], s[HDA_N];
     hda_batch_bits plain = *good, rests = {0};
     int many = 0, resting = 0;
@@ -98,7 +99,7 @@ static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c
     }
     rests &= plain;
     for (int lane = 0; lane < of->count; lane++) resting |= (int)rests[lane];
-    if (resting) held(x, u, s, c, &plain);
+    if (resting) find_held(x, u, s, c, &plain);
     for (int lane = 0; lane < of->count; lane++) many -= (int)plain[lane];
     if (many > FEW) {
         batch_step(x, u, s, c, h);
@@ -107,19 +108,19 @@ static void step(const lanes *of, long k, const hda_batch *u, const hda_batch *c
             x[slide[j]] = (hda_batch)(~still & (hda_batch_bits)x[slide[j]]);
             plain &= ~(hda_batch_bits)(x[slide[j]] * s[j] < 0.0);
         }
-        if (resting) held(x, u, s, c, &plain);
+        if (resting) find_held(x, u, s, c, &plain);
     } else {
         memset(&plain, 0, sizeof plain);
     }
     for (int lane = 0; lane < of->count; lane++) {
-        if (good[0][lane] && !plain[lane]) single(from, lane, of->u[lane] + k * HDA_NU, of->c[lane], h, x);
+        if (good[0][lane] && !plain[lane]) step_single(from, lane, of->u[lane] + k * HDA_NU, of->c[lane], h, x);
     }
 }
 
 /* Row k: `now` becomes x, is stored and moved to the next row; lanes that would leave the limit are good no more and
  * stay. */
-static void advance(lanes *of, long k, const hda_batch *c, double dt, double most, const double *limit,
-                    hda_batch_bits *good, hda_batch *now) {
+static void advance_row(lanes *of, long k, const hda_batch *c, double dt, double most, const double *limit,
+                        hda_batch_bits *good, hda_batch *now) {
     const long parts = hda_parts(dt, most);
     hda_batch u[HDA_NU], x[HDA_NX], size;
     hda_batch_bits within = *good;
@@ -137,16 +138,16 @@ static void advance(lanes *of, long k, const hda_batch *c, double dt, double mos
         of->x[lane] += HDA_NX;
     }
     memcpy(x, now, sizeof x);
-    for (long part = 0; part < parts; part++) step(of, k, u, c, dt / (double)parts, good, x);
+    for (long part = 0; part < parts; part++) step_lanes(of, k, u, c, dt / (double)parts, good, x);
     for (int i = 0; i < HDA_NX; i++) {
         hda_batch_fabs(&x[i], &size);
         within &= (hda_batch_bits)(size <= limit[i]);
     }
-    for (int i = 0; i < HDA_NX; i++) put(&within, &x[i], &now[i]);
+    for (int i = 0; i < HDA_NX; i++) replace_lanes(&within, &x[i], &now[i]);
     *good = within;
 }
 
-static void group(lanes *of, const int *edges, long windows, const double *dt, double most, const double *limit) {
+static void roll_group(lanes *of, const int *edges, long windows, const double *dt, double most, const double *limit) {
     hda_batch c[HDA_NC], now[HDA_NX];
     hda_batch_bits works = {0};
 #define CONSTANT(lane) of->c[lane][i]
@@ -160,7 +161,7 @@ static void group(lanes *of, const int *edges, long windows, const double *dt, d
         if (w && edges[2 * w - 1] != edges[2 * w]) memset(now, 0, sizeof now);
         for (int i = 0; i < HDA_MECHANICAL; i++) now[i] = (hda_batch)HDA_BATCH_OF(BEGUN);
         for (int i = HDA_MECHANICAL; of->memory[0] && i < HDA_NX; i++) now[i] = (hda_batch)HDA_BATCH_OF(MEMORY);
-        for (long k = edges[2 * w]; k < edges[2 * w + 1]; k++) advance(of, k, c, dt[k], most, limit, &good, now);
+        for (long k = edges[2 * w]; k < edges[2 * w + 1]; k++) advance_row(of, k, c, dt[k], most, limit, &good, now);
     }
 #undef CONSTANT
 #undef BEGUN
@@ -172,7 +173,8 @@ static void group(lanes *of, const int *edges, long windows, const double *dt, d
 void hda_rollout_windows_batch(const double *begun, const double *memory, const int *edges, long windows,
                                const double *u, const double *c, const double *dt, long rows, double most,
                                const double *jump, const double *limit, long count, double *x) {
-    const long mechanical = windows * HDA_MECHANICAL, own = windows * OWN, size = inside(edges, windows) * HDA_NX;
+    const long mechanical = windows * HDA_MECHANICAL, own = windows * OWN,
+               size = count_rows_inside(edges, windows) * HDA_NX;
     long first = 0;
 #if HDA_LANES && !HDA_STIFF
     while (count - first > FEW) {
@@ -187,7 +189,7 @@ void hda_rollout_windows_batch(const double *begun, const double *memory, const 
             of.jump[lane] = jump ? jump + which * rows * HDA_NX : NULL;
             of.x[lane] = x + which * size;
         }
-        group(&of, edges, windows, dt, most, limit);
+        roll_group(&of, edges, windows, dt, most, limit);
         first += of.count;
     }
 #endif

@@ -162,7 +162,7 @@ HDA_API void hda_mpc_prepare(hda_mpc *k);
 HDA_API int hda_mpc_recover(hda_mpc *k, double now, const hda_measurement *m);
 
 /* Completes the report of the last tick; before hda_mpc_prepare, which goes on to the next one. */
-HDA_API void hda_mpc_say(hda_mpc *k);
+HDA_API void hda_mpc_fill_report(hda_mpc *k);
 
 /* The sentence of a status, the guard's too; never null. */
 HDA_API const char *hda_mpc_sentence(int status);
@@ -172,17 +172,17 @@ HDA_API const char *hda_mpc_sentence(int status);
 #endif
 
 /* Parts of the tick, each in its own file. */
-void hda_mpc_constants(hda_mpc *k); /* settings and parameters -> what is computed once */
+void hda_mpc_set_constants(hda_mpc *k); /* settings and parameters -> what is computed once */
 void hda_mpc_stage_constants(const double *c, double *shared);
-void hda_mpc_linearise(hda_mpc *k); /* trajectory -> dynamics, outputs, cost's curvature, rows */
-void hda_mpc_wind(hda_mpc *k);      /* torsions at the limits of the joint torques */
-void hda_mpc_bound(hda_mpc *k);     /* trajectory and limits -> bounds of the rows */
-void hda_mpc_aim(hda_mpc *k, const double *path, const double *force); /* target -> slope of the cost */
-void hda_mpc_yield(hda_mpc *k, const double *force);                   /* one period of the admittance */
-void hda_mpc_shift(hda_mpc *k);                                        /* trajectory and active set, one period on */
-int hda_mpc_beside(const hda_mpc *k, const double *path);              /* HDA_MPC_OUTSIDE, HDA_MPC_UNREACHED or 0 */
+void hda_mpc_linearise(hda_mpc *k);          /* trajectory -> dynamics, outputs, cost's curvature, rows */
+void hda_mpc_set_torsion_limits(hda_mpc *k); /* torsions at the limits of the joint torques */
+void hda_mpc_set_bounds(hda_mpc *k);         /* trajectory and limits -> bounds of the rows */
+void hda_mpc_set_targets(hda_mpc *k, const double *path, const double *force); /* target -> slope of the cost */
+void hda_mpc_step_admittance(hda_mpc *k, const double *force);                 /* one period of the admittance */
+void hda_mpc_shift_plan(hda_mpc *k);                            /* trajectory and active set, one period on */
+int hda_mpc_check_limits(const hda_mpc *k, const double *path); /* HDA_MPC_OUTSIDE, HDA_MPC_UNREACHED or 0 */
 /* outputs and rows at one state */
-void hda_mpc_look(const hda_mpc *k, const double *x, double *y, double *Y, double *g, double *G);
-void hda_mpc_feel(hda_mpc *k); /* momentum observer -> observed force and collision */
+void hda_mpc_compute_outputs(const hda_mpc *k, const double *x, double *y, double *Y, double *g, double *G);
+void hda_mpc_detect_contact(hda_mpc *k); /* momentum observer -> observed force and collision */
 
 #endif

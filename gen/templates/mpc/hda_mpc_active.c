@@ -34,7 +34,7 @@ typedef double wide __attribute__((vector_size(64), aligned(8), may_alias));
 typedef long long bits __attribute__((vector_size(64)));
 
 /* Whether all entries lie from least to most; NaN does not. */
-static int within(const double *a, int count, double least, double most) {
+static int lies_within(const double *a, int count, double least, double most) {
     const int whole = count / 8 * 8;
     bits wrong = {0};
     int bad = 0;
@@ -47,13 +47,14 @@ static int within(const double *a, int count, double least, double most) {
     return !bad;
 }
 
-int hda_mpc_legal(const hda_mpc_qp *qp) {
+int hda_mpc_is_valid(const hda_mpc_qp *qp) {
     const int matrices = (int)(qp->low - qp->first);
     bits crossed = {0};
-    int bad = !within(qp->first, matrices, -HDA_MPC_LARGEST, HDA_MPC_LARGEST) ||
-              !within(qp->low, ALL, -1e100, HDA_MPC_FREE) || !within(qp->high, ALL, -HDA_MPC_FREE, 1e100);
-    bad = bad || !within(qp->linear, ALL, 0.0, 1e100) || !within(qp->square, ALL, 0.0, HDA_MPC_LARGEST);
-    bad = bad || !within(qp->R, N * HDA_N, 0.0, HDA_MPC_LARGEST) || !within(qp->D, N * HDA_N, 0.0, HDA_MPC_LARGEST);
+    int bad = !lies_within(qp->first, matrices, -HDA_MPC_LARGEST, HDA_MPC_LARGEST) ||
+              !lies_within(qp->low, ALL, -1e100, HDA_MPC_FREE) || !lies_within(qp->high, ALL, -HDA_MPC_FREE, 1e100);
+    bad = bad || !lies_within(qp->linear, ALL, 0.0, 1e100) || !lies_within(qp->square, ALL, 0.0, HDA_MPC_LARGEST);
+    bad = bad || !lies_within(qp->R, N * HDA_N, 0.0, HDA_MPC_LARGEST) ||
+          !lies_within(qp->D, N * HDA_N, 0.0, HDA_MPC_LARGEST);
     for (int k = 0; k < N; k++)
         for (int i = 0; i < HDA_MPC_HARD; i++) bad |= qp->linear[k * ROWS + i] < HDA_MPC_FREE;
     for (int e = 0; e + 8 <= ALL; e += 8) crossed |= *(const wide *)(qp->low + e) > *(const wide *)(qp->high + e);
@@ -63,7 +64,7 @@ int hda_mpc_legal(const hda_mpc_qp *qp) {
 }
 
 /* Lengths of the rows, by which their values are rounded and judged, and their weights at their bound. */
-static void stiffen(const hda_mpc_qp *qp, hda_mpc_work *w) {
+static void set_row_sizes(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
         w->length[e] = 1.0;
         w->stiff[e] = STIFF;
@@ -80,7 +81,7 @@ static void stiffen(const hda_mpc_qp *qp, hda_mpc_work *w) {
 }
 
 /* The set from the multipliers of an earlier or a rough solution. */
-static void guess(const hda_mpc_qp *qp, hda_mpc_work *w) {
+static void guess_set(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
         const double y = w->now.y[e], most = qp->linear[e];
         const double share = size(y);
@@ -91,14 +92,14 @@ static void guess(const hda_mpc_qp *qp, hda_mpc_work *w) {
     }
 }
 
-static void weights(const hda_mpc_qp *qp, hda_mpc_work *w) {
+static void set_weights(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
         const int code = w->set[e];
         w->weight[e] = code == 0 ? 0.0 : code == 1 || code == -1 ? w->stiff[e] : qp->square[e];
     }
 }
 
-static void slopes(const hda_mpc_qp *qp, hda_mpc_work *w) {
+static void set_slopes(const hda_mpc_qp *qp, hda_mpc_work *w) {
     for (int e = 0; e < ALL; e++) {
         const int code = w->set[e];
         const double bound = code > 0 ? qp->high[e] : qp->low[e];
@@ -112,7 +113,7 @@ static void slopes(const hda_mpc_qp *qp, hda_mpc_work *w) {
 }
 
 /* Multipliers after a solution; the largest distance of a row in the set from its bound, over its length. */
-static double multiply(const hda_mpc_qp *qp, hda_mpc_work *w) {
+static double find_multipliers(const hda_mpc_qp *qp, hda_mpc_work *w) {
     double gap = 0.0;
     for (int e = 0; e < ALL; e++) {
         const int code = w->set[e];
@@ -129,7 +130,7 @@ static double multiply(const hda_mpc_qp *qp, hda_mpc_work *w) {
 }
 
 /* The set after a solution; how many rows changed. */
-static int correct(const hda_mpc_qp *qp, hda_mpc_work *w) {
+static int correct_set(const hda_mpc_qp *qp, hda_mpc_work *w) {
     int changes = 0;
     for (int e = 0; e < ALL; e++) {
         const int code = w->set[e], side = code < 0 ? -1 : 1;
@@ -162,21 +163,21 @@ static int correct(const hda_mpc_qp *qp, hda_mpc_work *w) {
 
 /* 1: the set stands and its solution is exact; 0: it does not come to rest; -1: a factorisation failed. ready: the
  * first one is done. */
-static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, int *factored) {
+static int settle_set(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, int *factored) {
     int before = ALL;
     for (int round = 0; round < rounds; round++) {
         int changes = 0;
         ++*factored;
         if (!(ready && round == 0)) {
-            weights(qp, w);
+            set_weights(qp, w);
             if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
         }
         for (int refine = 0; refine < HDA_MPC_REFINES && !changes; refine++) {
-            slopes(qp, w);
+            set_slopes(qp, w);
             hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
-            const double gap = multiply(qp, w);
+            const double gap = find_multipliers(qp, w);
             if (!(gap < 1e100)) return -1;
-            changes = correct(qp, w);
+            changes = correct_set(qp, w);
             if (!changes && gap < FEASIBLE) return 1;
         }
         if (changes > before) return 0; /* it swings */
@@ -189,7 +190,7 @@ static int settle(const hda_mpc_qp *qp, hda_mpc_work *w, int rounds, int ready, 
 }
 
 /* Rows that stand elsewhere by one solution than by another; none where the first knows nothing. */
-static int apart(const double *before, const double *now) {
+static int count_differences(const double *before, const double *now) {
     int count = 0, known = 0;
     for (int e = 0; e < ALL; e++) {
         count += (before[e] > 0.0) != (now[e] > 0.0) || (before[e] < 0.0) != (now[e] < 0.0);
@@ -199,10 +200,10 @@ static int apart(const double *before, const double *now) {
 }
 
 /* Hands a solution out if every number of it is one; the torques are cut to what is legal. */
-static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored, int inside, int exact) {
+static int hand_out(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored, int inside, int exact) {
     double worst = 0.0, active = 0.0;
-    if (!within(w->now.T, N * HDA_N, -1e100, 1e100) || !within(w->now.x, N * HDA_MPC_NX, -1e100, 1e100) ||
-        !within(w->now.y, N * ROWS, -1e100, 1e100))
+    if (!lies_within(w->now.T, N * HDA_N, -1e100, 1e100) || !lies_within(w->now.x, N * HDA_MPC_NX, -1e100, 1e100) ||
+        !lies_within(w->now.y, N * ROWS, -1e100, 1e100))
         return HDA_MPC_BROKEN;
     for (int e = 0; e < ALL; e++) {
         const double r = w->now.rows[e];
@@ -222,7 +223,7 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
             if (T < qp->low[k * ROWS + j]) T = qp->low[k * ROWS + j];
             s->T[k * HDA_N + j] = T;
         }
-    w->changed = apart(s->dual, w->now.y);
+    w->changed = count_differences(s->dual, w->now.y);
     memcpy(s->x, w->now.x, sizeof s->x);
     memcpy(s->dual, w->now.y, sizeof s->dual);
     s->residual = worst;
@@ -234,57 +235,60 @@ static int hand(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int 
 
 /* The interior point comes near; then the active set takes over, exact where its set stands; where it does not, from
  * nearer still. */
-static int inside(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored) {
+static int solve_from_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w, int factored) {
     static const double gaps[] = {NEAR, NEARER, NEAREST};
     int near = 1;
     for (int again = 0; again < 3 && near; again++) {
-        near = hda_mpc_approach(qp, w, gaps[again]);
+        near = hda_mpc_iterate_interior(qp, w, gaps[again]);
         w->kept = w->now;
-        guess(qp, w);
-        if (settle(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1)
-            return hand(qp, s, w, factored + w->rounds, w->rounds, 1);
+        guess_set(qp, w);
+        if (settle_set(qp, w, HDA_MPC_POLISHES, 0, &factored) == 1)
+            return hand_out(qp, s, w, factored + w->rounds, w->rounds, 1);
         w->now = w->kept;
-        stiffen(qp, w);
+        set_row_sizes(qp, w);
     }
-    return hand(qp, s, w, factored + w->rounds, w->rounds, near);
+    return hand_out(qp, s, w, factored + w->rounds, w->rounds, near);
 }
 
 int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) {
-    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
-    hda_mpc_turn(qp, &w->f);
-    stiffen(qp, w);
-    if (hda_mpc_enter(qp, w, 0)) return HDA_MPC_BROKEN;
-    const int status = inside(qp, s, w, 0);
-    return status == HDA_MPC_SOLVED || hda_mpc_enter(qp, w, 1) ? status : inside(qp, s, w, HDA_MPC_INTERIOR);
+    if (!hda_mpc_is_valid(qp)) return HDA_MPC_REFUSED;
+    hda_mpc_arrange_factors(qp, &w->f);
+    set_row_sizes(qp, w);
+    if (hda_mpc_start_interior(qp, w, 0)) return HDA_MPC_BROKEN;
+    const int status = solve_from_interior(qp, s, w, 0);
+    return status == HDA_MPC_SOLVED || hda_mpc_start_interior(qp, w, 1)
+               ? status
+               : solve_from_interior(qp, s, w, HDA_MPC_INTERIOR);
 }
 
 /* What does not depend on the measurement: 1 where the set from the solution's multipliers is ready with its factors, 2
  * where the set changes too fast for that, 0 where it failed. */
-static int expect(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
-    hda_mpc_turn(qp, &w->f);
-    stiffen(qp, w);
+static int prepare_set(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
+    hda_mpc_arrange_factors(qp, &w->f);
+    set_row_sizes(qp, w);
     if (w->changed > RESTLESS) return 2;
     memcpy(w->now.y, s->dual, sizeof w->now.y);
-    if (!within(w->now.y, ALL, -HDA_MPC_LARGEST, HDA_MPC_LARGEST)) return 0;
-    guess(qp, w);
-    weights(qp, w);
+    if (!lies_within(w->now.y, ALL, -HDA_MPC_LARGEST, HDA_MPC_LARGEST)) return 0;
+    guess_set(qp, w);
+    set_weights(qp, w);
     return !hda_mpc_factor(qp, w->weight, &w->f);
 }
 
-void hda_mpc_anticipate(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
-    w->ready = hda_mpc_legal(qp) ? expect(qp, s, w) : 0;
+void hda_mpc_prepare_riccati(const hda_mpc_qp *qp, const hda_mpc_solution *s, hda_mpc_work *w) {
+    w->ready = hda_mpc_is_valid(qp) ? prepare_set(qp, s, w) : 0;
 }
 
 int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *s, hda_mpc_work *w) {
     int factored = 0, ready = w->ready;
     w->ready = 0;
-    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
-    if (!ready) ready = expect(qp, s, w);
-    if (ready == 1 && settle(qp, w, HDA_MPC_ROUNDS, 1, &factored) == 1) return hand(qp, s, w, factored, 0, 1);
-    stiffen(qp, w);
-    if (!hda_mpc_again(qp, w, s->dual)) {
-        const int status = inside(qp, s, w, factored);
+    if (!hda_mpc_is_valid(qp)) return HDA_MPC_REFUSED;
+    if (!ready) ready = prepare_set(qp, s, w);
+    if (ready == 1 && settle_set(qp, w, HDA_MPC_ROUNDS, 1, &factored) == 1) return hand_out(qp, s, w, factored, 0, 1);
+    set_row_sizes(qp, w);
+    if (!hda_mpc_restart_interior(qp, w, s->dual)) {
+        const int status = solve_from_interior(qp, s, w, factored);
         if (status == HDA_MPC_SOLVED) return status;
     }
-    return hda_mpc_enter(qp, w, 1) ? HDA_MPC_BROKEN : inside(qp, s, w, factored + HDA_MPC_INTERIOR);
+    return hda_mpc_start_interior(qp, w, 1) ? HDA_MPC_BROKEN
+                                            : solve_from_interior(qp, s, w, factored + HDA_MPC_INTERIOR);
 }

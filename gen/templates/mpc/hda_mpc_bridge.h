@@ -41,7 +41,7 @@ static void bridge_mpc_read(void *const *a) {
 }
 
 static void bridge_mpc_report(void *const *a) {
-    hda_mpc_say(a[0]);
+    hda_mpc_fill_report(a[0]);
     memcpy(a[1], &((hda_mpc *)a[0])->report, sizeof(hda_mpc_report));
 }
 

@@ -10,22 +10,22 @@ enum { NU = HDA_N, N = HDA_MPC_N, AXES = HDA_MPC_AXES, REALS = sizeof(hda_mpc_se
 
 #define LONGEST_NODE 0.2 /* s */
 
-static int positive(const double *a, int count) {
+static int is_positive(const double *a, int count) {
     for (int i = 0; i < count; i++)
         if (!(a[i] > 0.0)) return 0;
     return 1;
 }
 
-static int not_negative(const double *a, int count) {
+static int is_not_negative(const double *a, int count) {
     for (int i = 0; i < count; i++)
         if (!(a[i] >= 0.0)) return 0;
     return 1;
 }
 
-static int limits(const hda_mpc_settings *s) {
+static int check_soft_limits(const hda_mpc_settings *s) {
     for (int j = 0; j < NU; j++)
         if (!(s->position_low[j] < s->position_high[j])) return HDA_MPC_LIMIT;
-    if (!positive(s->motor_speed, NU) || !positive(s->joint_torque, NU) || !(s->tip_speed > 0.0) ||
+    if (!is_positive(s->motor_speed, NU) || !is_positive(s->joint_torque, NU) || !(s->tip_speed > 0.0) ||
         !(s->margin >= 0.0 && s->margin < 0.5))
         return HDA_MPC_LIMIT;
     for (int w = 0; w < HDA_MPC_WALLS; w++) {
@@ -36,41 +36,42 @@ static int limits(const hda_mpc_settings *s) {
     return 0;
 }
 
-static int wrong(const hda_mpc_settings *s, double period) {
+static int find_wrong_setting(const hda_mpc_settings *s, double period) {
     const double weights[] = {s->weight_position, s->weight_velocity, s->weight_posture, s->weight_torque,
                               s->weight_rate,     s->penalty_linear,  s->penalty_square, s->decay};
     if (hda_not_finite((const double *)s, REALS)) return HDA_MPC_NUMBER;
     for (int node = 0; node < N; node++)
         if (!(s->grid[node] >= period * (1.0 - 1e-9) && s->grid[node] <= LONGEST_NODE)) return HDA_MPC_GRID;
-    if (!not_negative(weights, (int)(sizeof weights / sizeof *weights)) ||
+    if (!is_not_negative(weights, (int)(sizeof weights / sizeof *weights)) ||
         !(s->weight_position + s->weight_velocity > 0.0) || !(s->weight_torque + s->weight_rate > 0.0) ||
         !(s->terminal >= 0.0))
         return HDA_MPC_WEIGHT;
-    if (!positive(s->mass, AXES) || !not_negative(s->damping, AXES) || !not_negative(s->stiffness, AXES))
+    if (!is_positive(s->mass, AXES) || !is_not_negative(s->damping, AXES) || !is_not_negative(s->stiffness, AXES))
         return HDA_MPC_ADMITTANCE;
-    if (!positive(s->smoothing, NU) || !not_negative(s->hold_stiffness, NU) || !not_negative(s->hold_damping, NU))
+    if (!is_positive(s->smoothing, NU) || !is_not_negative(s->hold_stiffness, NU) ||
+        !is_not_negative(s->hold_damping, NU))
         return HDA_MPC_LIMIT;
-    if (!positive((const double *)&s->noise, sizeof s->noise / sizeof(double))) return HDA_MPC_NOISE;
+    if (!is_positive((const double *)&s->noise, sizeof s->noise / sizeof(double))) return HDA_MPC_NOISE;
     if (!(s->steps >= 1.0 && s->steps <= 100.0 && s->steps == (double)(int)s->steps)) return HDA_MPC_LATE;
     if (!(s->delay >= 0.0 && s->delay <= HDA_MPC_LATEST && s->delay == (double)(int)s->delay)) return HDA_MPC_LATE;
     if (!(s->backend == 0.0 || s->backend == 1.0 || s->backend == 2.0) || !(s->tolerance > 0.0) ||
         !(s->iterations >= 1.0 && s->iterations <= 1e6))
         return HDA_MPC_NUMBER;
-    return limits(s);
+    return check_soft_limits(s);
 }
 
 HDA_APART static int configure(hda_mpc *k, const double *p, const hda_mpc_settings *settings,
                                const hda_guard_config *config) {
     if (!k || !p || !settings || !config) return HDA_MPC_CALL;
     if (hda_not_finite(p, HDA_NP)) return HDA_MPC_PARAMETER;
-    const int refused = wrong(settings, config->period);
+    const int refused = find_wrong_setting(settings, config->period);
     if (refused) return refused;
     const int guard = hda_guard_configure_held(&k->guard, config);
     if (guard) return guard;
     memset((char *)k + sizeof k->guard, 0, sizeof *k - sizeof k->guard);
     k->settings = *settings;
     hda_prepare(p, k->c);
-    hda_mpc_constants(k);
+    hda_mpc_set_constants(k);
     k->configured = 1;
     return 0;
 }
@@ -86,10 +87,10 @@ HDA_APART static int limit(hda_mpc *k, const hda_mpc_settings *settings) {
     memcpy(moved.give, settings->give, sizeof moved.give);
     moved.tip_speed = settings->tip_speed;
     if (hda_not_finite((const double *)&moved, REALS)) return HDA_MPC_NUMBER;
-    const int refused = limits(&moved);
+    const int refused = check_soft_limits(&moved);
     if (refused) return refused;
     k->settings = moved;
-    hda_mpc_constants(k);
+    hda_mpc_set_constants(k);
     k->prepared = 0;
     return 0;
 }

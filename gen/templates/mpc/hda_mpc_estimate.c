@@ -25,7 +25,8 @@ static double square(double a) {
     return a * a;
 }
 
-static void inputs(const double *c, const double *torque, const double *disturbance, const double *force, double *u) {
+static void fill_inputs(const double *c, const double *torque, const double *disturbance, const double *force,
+                        double *u) {
     double constant[NU];
     mpc_torque_constants(c, constant);
     for (int j = 0; j < NU; j++) u[j] = (torque[j] + disturbance[j]) / constant[j];
@@ -33,24 +34,24 @@ static void inputs(const double *c, const double *torque, const double *disturba
     u[NU + 1] = force[1];
 }
 
-void hda_mpc_foresee(const double *c, const double *torque, const double *disturbance, const double *force, double time,
-                     double *x) {
+void hda_mpc_predict_state(const double *c, const double *torque, const double *disturbance, const double *force,
+                           double time, double *x) {
     double u[HDA_NU], next[NX];
     const int parts = (int)(time / HDA_STEP + 0.999999);
     const double h = time / (parts > 0 ? parts : 1);
-    inputs(c, torque, disturbance, force, u);
+    fill_inputs(c, torque, disturbance, force, u);
     for (int part = 0; part < parts && part < 1000; part++) {
         hda_step(x, u, c, &h, next);
         memcpy(x, next, sizeof next);
     }
 }
 
-void hda_mpc_ratios(const double *c, double *ratio) {
+void hda_mpc_read_ratios(const double *c, double *ratio) {
     double damping[NU];
     mpc_gear(c, ratio, damping);
 }
 
-void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, const double *c,
+void hda_mpc_start_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double *c,
                             const hda_mpc_noise *noise) {
     memset(e, 0, sizeof *e);
     mpc_gear(c, e->ratio, e->damping);
@@ -74,9 +75,9 @@ void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, cons
 }
 
 /* A of one period: exp(J h) to the third order; columns of d and F by the same series. */
-static void transition(const hda_mpc_estimator *e, const double *torque, const double *c, double h, double *A) {
+static void transition_matrix(const hda_mpc_estimator *e, const double *torque, const double *c, double h, double *A) {
     double u[HDA_NU], by_x[NX * NX], by_u[NX * HDA_NU], constant[NU], term[NX * E], next[NX * E];
-    inputs(c, torque, e->s + NX, e->s + AT_FORCE, u);
+    fill_inputs(c, torque, e->s + NX, e->s + AT_FORCE, u);
     mpc_torque_constants(c, constant);
     mpc_jacobian(e->s, u, c, by_x, by_u);
     memset(A, 0, E * E * sizeof *A);
@@ -97,10 +98,11 @@ static void transition(const hda_mpc_estimator *e, const double *torque, const d
     }
 }
 
-static void predict(hda_mpc_estimator *e, const double *torque, const double *c, const hda_mpc_noise *noise, double h) {
+static void predict_covariance(hda_mpc_estimator *e, const double *torque, const double *c, const hda_mpc_noise *noise,
+                               double h) {
     double A[E * E], AP[E * E], turned[E * E];
-    transition(e, torque, c, h, A);
-    hda_mpc_foresee(c, torque, e->s + NX, e->s + AT_FORCE, h, e->s);
+    transition_matrix(e, torque, c, h, A);
+    hda_mpc_predict_state(c, torque, e->s + NX, e->s + AT_FORCE, h, e->s);
     for (int j = 0; j < E; j++) {
         for (int i = 0; i < E; i++) AP[j * E + i] = 0.0;
         for (int l = 0; l < E; l++)
@@ -121,7 +123,7 @@ static void predict(hda_mpc_estimator *e, const double *torque, const double *c,
 }
 
 /* One reading of entry `at` of s. */
-static void take(hda_mpc_estimator *e, int at, double reading, double deviation) {
+static void take_reading(hda_mpc_estimator *e, int at, double reading, double deviation) {
     double column[E];
     const double wrong = reading - e->s[at];
     memcpy(column, e->P + at * E, sizeof column);
@@ -132,8 +134,8 @@ static void take(hda_mpc_estimator *e, int at, double reading, double deviation)
         for (int i = 0; i < E; i++) e->P[j * E + i] -= column[i] * column[j] / spread;
 }
 
-static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double *torque, const double *c,
-                    const hda_mpc_noise *noise, double h) {
+static void observe_momentum(hda_mpc_estimator *e, const hda_measurement *m, const double *torque, const double *c,
+                             const hda_mpc_noise *noise, double h) {
     double M[NU * NU], C[NU * NU], g[NU], series[NU], other[NU], dynamic[NU], motor[NU], still[NU] = {0};
     const double share = 1.0 - 1.0 / (1.0 + 4.0 * noise->observer * h);
     for (int j = 0; j < NU; j++) {
@@ -164,16 +166,16 @@ static void observe(hda_mpc_estimator *e, const hda_measurement *m, const double
 
 void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double (*torque)[HDA_N], int periods,
                       const double *c, const hda_mpc_noise *noise, double period, int by_sensor) {
-    for (int ago = periods - 1; ago >= 0; ago--) predict(e, torque[ago], c, noise, period);
+    for (int ago = periods - 1; ago >= 0; ago--) predict_covariance(e, torque[ago], c, noise, period);
     e->innovation = 0.0;
     for (int j = 0; j < NU; j++) {
-        if (flexible[j]) take(e, places[j], m->motor_position[j], noise->motor[j]);
-        take(e, links[j], m->joint_position[j], noise->joint[j]);
+        if (flexible[j]) take_reading(e, places[j], m->motor_position[j], noise->motor[j]);
+        take_reading(e, links[j], m->joint_position[j], noise->joint[j]);
     }
     const double encoders = e->innovation;
-    for (int i = 0; i < 2 && by_sensor; i++) take(e, AT_FORCE + i, m->tip_force[i], noise->reading);
+    for (int i = 0; i < 2 && by_sensor; i++) take_reading(e, AT_FORCE + i, m->tip_force[i], noise->reading);
     e->innovation = encoders;
     for (int j = 0; j < E; j++)
         for (int i = 0; i < j; i++) e->P[j * E + i] = e->P[i * E + j] = 0.5 * (e->P[j * E + i] + e->P[i * E + j]);
-    observe(e, m, torque[0], c, noise, periods * period);
+    observe_momentum(e, m, torque[0], c, noise, periods * period);
 }

@@ -33,7 +33,7 @@ typedef struct hda_mpc_estimator {
 } hda_mpc_estimator;
 
 /* At rest at the measured positions, the springs bearing what they show. */
-void hda_mpc_estimate_start(hda_mpc_estimator *e, const hda_measurement *m, const double *c,
+void hda_mpc_start_estimate(hda_mpc_estimator *e, const hda_measurement *m, const double *c,
                             const hda_mpc_noise *noise);
 
 /* `periods` (at least 1) with the torques that were held, the last first, then the measurement. by_sensor: the force is
@@ -42,10 +42,10 @@ void hda_mpc_estimate(hda_mpc_estimator *e, const hda_measurement *m, const doub
                       const double *c, const hda_mpc_noise *noise, double period, int by_sensor);
 
 /* Ratios of the gears. */
-void hda_mpc_ratios(const double *c, double *ratio);
+void hda_mpc_read_ratios(const double *c, double *ratio);
 
 /* The state so much later with the torque held. */
-void hda_mpc_foresee(const double *c, const double *torque, const double *disturbance, const double *force, double time,
-                     double *x);
+void hda_mpc_predict_state(const double *c, const double *torque, const double *disturbance, const double *force,
+                           double time, double *x);
 
 #endif

@@ -46,7 +46,7 @@ static inline double most_of(const W *a) {
 
 /* One side of one row, in the middle: both of its products are `gap`, its distance and its multiplier near what the
  * rows and an earlier solution say. */
-static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, double gap) {
+static void start_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, double gap) {
     hda_mpc_side *z = &w->side[low];
     const int b = e / 8, i = e % 8;
     const double bound = low ? -qp->low[e] : qp->high[e], r = low ? -w->now.rows[e] : w->now.rows[e],
@@ -68,7 +68,7 @@ static void begin_side(const hda_mpc_qp *qp, hda_mpc_work *w, int e, int low, do
 }
 
 /* Where the iterations begin: the rows' values are in w->now. */
-static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double gap) {
+static void start_iterations(const hda_mpc_qp *qp, hda_mpc_work *w, double gap) {
     memset(w->linear, 0, sizeof w->linear);
     memset(w->square, 0, sizeof w->square);
     memset(w->soft, 0, sizeof w->soft);
@@ -85,14 +85,14 @@ static void begin(const hda_mpc_qp *qp, hda_mpc_work *w, double gap) {
     w->pairs = 0.0;
     for (int e = 0; e < ALL; e++)
         for (int low = 0; low < 2; low++) {
-            begin_side(qp, w, e, low, gap);
+            start_side(qp, w, e, low, gap);
             w->pairs += w->side[low].there[e / 8][e % 8] * (1.0 + w->soft[e / 8][e % 8]);
         }
     if (w->pairs == 0.0) w->pairs = 1.0;
 }
 
 /* Residuals, weights, and reciprocals of the products; the largest residual, and the mean of the products in gap. */
-static double measure(hda_mpc_work *w, double *gap) {
+static double measure_residuals(hda_mpc_work *w, double *gap) {
     W worst = zero, sum = zero;
     double all = 0.0;
     hda_mpc_wide *weight = (hda_mpc_wide *)w->weight;
@@ -130,7 +130,7 @@ static double measure(hda_mpc_work *w, double *gap) {
 
 /* Slopes of the rows for the products' residuals: towards `target`, with the second order of the last step where
  * `second` is 1. */
-static void lean(hda_mpc_work *w, double target, double second) {
+static void set_slopes(hda_mpc_work *w, double target, double second) {
     hda_mpc_wide *slope = (hda_mpc_wide *)w->slope;
     for (int low = 0; low < 2; low++) {
         hda_mpc_side *z = &w->side[low];
@@ -155,7 +155,7 @@ static void lean(hda_mpc_work *w, double target, double second) {
 
 /* The Newton step that belongs to the new values of the rows; the longest share of it that keeps everything positive.
  * `once`, `twice`: what the sum of the products gains with a share of the step, and with its square. */
-static double stride(hda_mpc_work *w) {
+static double find_step(hda_mpc_work *w) {
     W most = 1e-300 - zero, once = zero, twice = zero; /* most: of -change / value */
     for (int low = 0; low < 2; low++) {
         hda_mpc_side *z = &w->side[low];
@@ -189,7 +189,7 @@ static double stride(hda_mpc_work *w) {
     return longest > 1.0 ? 1.0 / longest : 1.0;
 }
 
-static void advance(hda_mpc_work *w, double share) {
+static void apply_step(hda_mpc_work *w, double share) {
     double *now = w->now.T;
     const double *next = w->next.T;
     for (int low = 0; low < 2; low++) {
@@ -206,7 +206,7 @@ static void advance(hda_mpc_work *w, double share) {
     for (int e = 0; e < ALL; e++) w->now.rows[e] += share * (w->next.rows[e] - w->now.rows[e]);
 }
 
-int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w, int wide) {
+int hda_mpc_start_interior(const hda_mpc_qp *qp, hda_mpc_work *w, int wide) {
     memset(w->weight, 0, sizeof w->weight);
     memset(w->slope, 0, sizeof w->slope);
     memset(&w->next, 0, sizeof w->next);
@@ -218,12 +218,12 @@ int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w, int wide) {
         if (hda_mpc_factor(qp, w->weight, &w->f)) return -1;
     }
     hda_mpc_solve(qp, &w->f, w->slope, w->now.T, w->now.x, w->now.rows);
-    begin(qp, w, wide ? WIDE : GAP);
+    start_iterations(qp, w, wide ? WIDE : GAP);
     w->jams = wide ? HDA_MPC_INTERIOR : JAMS;
     return 0;
 }
 
-int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
+int hda_mpc_restart_interior(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
     static const double idle[HDA_N];
     double gap;
     memset(&w->next, 0, sizeof w->next);
@@ -231,10 +231,10 @@ int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
     memcpy(w->now.y, y, ALL * sizeof *y);
     w->rounds = 0;
     w->unmet = 1.0;
-    hda_mpc_roll(qp, &w->f, idle, w->now.x, w->now.rows);
-    begin(qp, w, GAP);
-    const double worst = measure(w, &gap);
-    if (worst > ASTRAY) begin(qp, w, worst < WIDE ? worst : WIDE);
+    hda_mpc_roll_out(qp, &w->f, idle, w->now.x, w->now.rows);
+    start_iterations(qp, w, GAP);
+    const double worst = measure_residuals(w, &gap);
+    if (worst > ASTRAY) start_iterations(qp, w, worst < WIDE ? worst : WIDE);
     w->jams = JAMS;
     return 0;
 }
@@ -242,37 +242,37 @@ int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y) {
 /* The multiplier of one side of a row that stands at its bound, else 0, because nothing is left of it in the limit. In
  * the last step the distance of such a row shrank faster than its multiplier, whatever the units of both (El-Bakry,
  * Tapia, Zhang, SIAM Review 36 (1994) 45). */
-static inline double standing(const hda_mpc_side *z, int e, int telling) {
+static inline double is_standing(const hda_mpc_side *z, int e, int telling) {
     const int b = e / 8, i = e % 8;
     const double t = z->t[b][i], l = z->l[b][i];
     return (telling ? l * z->dt[b][i] < t * z->dl[b][i] : l > t) ? l : 0.0;
 }
 
-int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
+int hda_mpc_iterate_interior(const hda_mpc_qp *qp, hda_mpc_work *w, double wanted) {
     hda_mpc_point *next = &w->next;
     double last = 1e300, share = 0.0;
     int near = 0, jams = 0;
     for (; w->rounds < HDA_MPC_INTERIOR && jams < w->jams; w->rounds++) {
         double gap;
-        const double worst = measure(w, &gap);
+        const double worst = measure_residuals(w, &gap);
         near = worst < larger(CLOSE, wanted) && gap < wanted && w->unmet < larger(CLOSE, wanted);
         /* rounding lets it come no nearer */
         near |= gap < STALLED && gap > 0.5 * last && worst < CLOSE && w->unmet < CLOSE;
         last = gap;
         if (near || !(worst < 1e100) || !(gap < 1e100) || hda_mpc_factor(qp, w->weight, &w->f)) break;
-        lean(w, 0.0, 0.0);
+        set_slopes(w, 0.0, 0.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
-        const double first = stride(w),
+        const double first = find_step(w),
                      left = larger(gap + first * (w->once + first * w->twice) / w->pairs, 0.0) / larger(gap, 1e-300);
-        lean(w, left * left * left * gap, 1.0);
+        set_slopes(w, left * left * left * gap, 1.0);
         hda_mpc_solve(qp, &w->f, w->slope, next->T, next->x, next->rows);
-        share = stride(w);
+        share = find_step(w);
         jams = share < JAMMED && worst > CLOSE ? jams + 1 : 0;
         share = share < 1.0 ? BOUNDARY * share : 1.0;
-        advance(w, share);
+        apply_step(w, share);
         w->unmet *= 1.0 - share;
     }
     for (int e = 0; e < ALL; e++)
-        w->now.y[e] = standing(&w->side[0], e, share > TELLING) - standing(&w->side[1], e, share > TELLING);
+        w->now.y[e] = is_standing(&w->side[0], e, share > TELLING) - is_standing(&w->side[1], e, share > TELLING);
     return near;
 }

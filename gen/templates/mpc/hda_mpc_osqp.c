@@ -22,7 +22,7 @@ static OSQPFloat P[P_ENTRIES], A[A_ENTRIES], q[N * WIDTH], low[N * HEIGHT], high
 static const hda_mpc_solution *known; /* whose solution dual is of */
 static unsigned char taken;           /* a thread is in it */
 
-static void fill(const hda_mpc_qp *qp) {
+static void fill_matrices(const hda_mpc_qp *qp) {
     const double *from = (const double *)qp;
     for (int e = 0; e < P_ENTRIES; e++) {
         double sum = 0.0;
@@ -63,14 +63,14 @@ static void fill(const hda_mpc_qp *qp) {
     }
 }
 
-static int sane(const OSQPFloat *a, int count) {
+static int are_finite(const OSQPFloat *a, int count) {
     for (int i = 0; i < count; i++)
         if (!(a[i] < SANE && a[i] > -SANE)) return 0;
     return 1;
 }
 
 /* The states that belong to the torques, within their bounds. */
-static void roll(const hda_mpc_qp *qp, const OSQPFloat *found, hda_mpc_solution *s) {
+static void roll_out(const hda_mpc_qp *qp, const OSQPFloat *found, hda_mpc_solution *s) {
     for (int k = 0; k < N; k++) {
         const double *now = k ? s->x + (k - 1) * NX : qp->first, *bounds_low = qp->low + k * ROWS,
                      *bounds_high = qp->high + k * ROWS;
@@ -95,7 +95,7 @@ static void roll(const hda_mpc_qp *qp, const OSQPFloat *found, hda_mpc_solution 
 }
 
 /* Multipliers of the rows; how many count. */
-static double multipliers(const OSQPFloat *y, hda_mpc_solution *s) {
+static double read_multipliers(const OSQPFloat *y, hda_mpc_solution *s) {
     double active = 0.0;
     for (int k = 0; k < N; k++) {
         const OSQPFloat *from = y + k * HEIGHT + NX;
@@ -110,13 +110,13 @@ static double multipliers(const OSQPFloat *y, hda_mpc_solution *s) {
     return active;
 }
 
-static int alone(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, int iterations) {
+static int solve_alone(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, int iterations) {
     OSQPSolver *solver = &hda_osqp_solver;
     OSQPSettings settings = *solver->settings;
     settings.eps_abs = settings.eps_rel = tolerance;
     settings.max_iter = iterations;
     settings.warm_starting = 1;
-    fill(qp);
+    fill_matrices(qp);
     if (osqp_update_settings(solver, &settings) ||
         osqp_update_data_mat(solver, P, NULL, P_ENTRIES, A, NULL, A_ENTRIES) ||
         osqp_update_data_vec(solver, q, low, high)) {
@@ -132,11 +132,12 @@ static int alone(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, in
     const int solved = solver->info->status_val == OSQP_SOLVED,
               rough = solver->info->status_val == OSQP_MAX_ITER_REACHED ||
                       solver->info->status_val == OSQP_SOLVED_INACCURATE;
-    known = solved && sane(solver->solution->x, N * WIDTH) && sane(solver->solution->y, N * HEIGHT) ? s : NULL;
+    known =
+        solved && are_finite(solver->solution->x, N * WIDTH) && are_finite(solver->solution->y, N * HEIGHT) ? s : NULL;
     if (!known) {
-        const int keep = rough && sane(solver->solution->x, N * WIDTH);
+        const int keep = rough && are_finite(solver->solution->x, N * WIDTH);
         if (keep) {
-            roll(qp, solver->solution->x, s);
+            roll_out(qp, solver->solution->x, s);
             memset(s->dual, 0, sizeof s->dual);
             s->interior = (double)solver->info->iter;
             s->factored = s->active = s->residual = 0.0;
@@ -145,8 +146,8 @@ static int alone(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, in
         return keep ? HDA_MPC_CAPPED : HDA_MPC_BROKEN;
     }
     memcpy(dual, solver->solution->y, sizeof dual);
-    roll(qp, solver->solution->x, s);
-    s->active = multipliers(solver->solution->y, s);
+    roll_out(qp, solver->solution->x, s);
+    s->active = read_multipliers(solver->solution->y, s);
     s->residual = solver->info->prim_res;
     s->factored = (double)solver->info->rho_updates + 1.0;
     s->interior = (double)solver->info->iter;
@@ -154,9 +155,9 @@ static int alone(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, in
 }
 
 int hda_mpc_osqp(const hda_mpc_qp *qp, hda_mpc_solution *s, double tolerance, int iterations) {
-    if (!hda_mpc_legal(qp)) return HDA_MPC_REFUSED;
+    if (!hda_mpc_is_valid(qp)) return HDA_MPC_REFUSED;
     if (__atomic_test_and_set(&taken, __ATOMIC_ACQUIRE)) return HDA_MPC_BUSY;
-    const int status = alone(qp, s, tolerance, iterations);
+    const int status = solve_alone(qp, s, tolerance, iterations);
     __atomic_clear(&taken, __ATOMIC_RELEASE);
     return status;
 }

@@ -25,20 +25,20 @@ static const int simple[] = HDA_MPC_SIMPLE;
 static const V none = {0};
 static const U nothing = {0};
 
-static inline void load(const double *from, hda_mpc_column *to) {
+static inline void load_column(const double *from, hda_mpc_column *to) {
     V made = {0};
     memcpy(&made, from, NX * sizeof *from);
     *to = made;
 }
 
-static inline void load_short(const double *from, hda_mpc_short *to) {
+static inline void load_short_column(const double *from, hda_mpc_short *to) {
     U made = {0};
     memcpy(&made, from, NU * sizeof *from);
     *to = made;
 }
 
 /* sum of a column's entries: halves are added, so that it takes as many steps as the width has bits. */
-static inline double total(const V *a) {
+static inline double sum_entries(const V *a) {
     double part[HDA_MPC_NX_WIDE];
     memcpy(part, a, sizeof part);
     for (int half = HDA_MPC_NX_WIDE / 2; half > 0; half /= 2)
@@ -47,43 +47,43 @@ static inline double total(const V *a) {
 }
 
 /* sum over l of M_l x_l: a matrix by its columns; two sums, so that neither waits long. */
-static inline void times(const hda_mpc_column *M, const double *x, hda_mpc_column *out) {
+static inline void multiply_column(const hda_mpc_column *M, const double *x, hda_mpc_column *out) {
     V even = M[0] * x[0], odd = none;
     for (int l = 1; l < NX; l += 2) odd += M[l] * x[l];
     for (int l = 2; l < NX; l += 2) even += M[l] * x[l];
     *out = even + odd;
 }
 
-static inline void times_short(const hda_mpc_short *M, const double *x, hda_mpc_short *out) {
+static inline void multiply_short_column(const hda_mpc_short *M, const double *x, hda_mpc_short *out) {
     U even = M[0] * x[0], odd = nothing;
     for (int l = 1; l < NX; l += 2) odd += M[l] * x[l];
     for (int l = 2; l < NX; l += 2) even += M[l] * x[l];
     *out = even + odd;
 }
 
-void hda_mpc_turn(const hda_mpc_qp *qp, hda_mpc_factors *f) {
+void hda_mpc_arrange_factors(const hda_mpc_qp *qp, hda_mpc_factors *f) {
     for (int k = 0; k < N; k++) {
         hda_mpc_node *d = &f->node[k];
         double row[HDA_MPC_NX_WIDE] = {0}, across[NU];
         const double *A = qp->A + k * NX * NX, *B = qp->B + k * NX * NU;
         for (int j = 0; j < NX; j++) {
-            load(A + j * NX, &d->A[j]);
+            load_column(A + j * NX, &d->A[j]);
             for (int i = 0; i < NX; i++) row[i] = A[i * NX + j];
-            load(row, &d->turned[j]);
+            load_column(row, &d->turned[j]);
             for (int i = 0; i < NU; i++) across[i] = B[i * NX + j];
-            load_short(across, &d->across[j]);
+            load_short_column(across, &d->across[j]);
         }
-        for (int j = 0; j < NU; j++) load(B + j * NX, &d->B[j]);
-        for (int g = 0; g < NG; g++) load(qp->G + (k * NG + g) * NX, &d->G[g]);
-        load(qp->b + k * NX, &d->b);
+        for (int j = 0; j < NU; j++) load_column(B + j * NX, &d->B[j]);
+        for (int g = 0; g < NG; g++) load_column(qp->G + (k * NG + g) * NX, &d->G[g]);
+        load_column(qp->b + k * NX, &d->b);
     }
 }
 
 /* P += H + the weighted rows of the state. */
-static inline void weigh(const hda_mpc_qp *qp, const hda_mpc_node *d, int k, const double *weight, V *P) {
+static inline void add_weights(const hda_mpc_qp *qp, const hda_mpc_node *d, int k, const double *weight, V *P) {
     for (int j = 0; j < NX; j++) {
         V H;
-        load(qp->H + (k * NX + j) * NX, &H);
+        load_column(qp->H + (k * NX + j) * NX, &H);
         P[j] += H;
     }
     for (int i = 0; i < SIMPLES; i++) P[simple[i]][simple[i]] += weight[HARD + i];
@@ -96,7 +96,7 @@ static inline void weigh(const hda_mpc_qp *qp, const hda_mpc_node *d, int k, con
 }
 
 /* inverse of Q (NU x NU), by L D L'; 0, or -1 where a pivot is not positive. */
-static inline int invert(U *Q, hda_mpc_short *inverse) {
+static inline int invert_inputs(U *Q, hda_mpc_short *inverse) {
     double pivot[NU], share[NU], most = 0.0;
     for (int i = 0; i < NU; i++) most = Q[i][i] > most ? Q[i][i] : most;
     for (int j = 0; j < NU; j++) {
@@ -133,26 +133,26 @@ typedef struct worth {
     U Z[NU];
 } worth;
 
-static inline void even_out(V *P) {
+static inline void make_symmetric(V *P) {
     for (int j = 0; j < NX; j++)
         for (int i = 0; i < j; i++) P[j][i] = P[i][j] = 0.5 * (P[j][i] + P[i][j]);
 }
 
 /* One node backwards. */
-static inline int back(const hda_mpc_qp *qp, int k, const double *weight, hda_mpc_node *d, worth *w) {
+static inline int step_backwards(const hda_mpc_qp *qp, int k, const double *weight, hda_mpc_node *d, worth *w) {
     V PA[NX], PB[NU], reach[NU], next[NX];
     U M[NU], Q[NU], Z[NU];
-    weigh(qp, d, k, weight, w->P);
-    for (int j = 0; j < NX; j++) times(w->P, (const double *)&d->A[j], &PA[j]);
-    for (int j = 0; j < NU; j++) times(w->P, (const double *)&d->B[j], &PB[j]);
-    times(w->P, (const double *)&d->b, &d->moved);
+    add_weights(qp, d, k, weight, w->P);
+    for (int j = 0; j < NX; j++) multiply_column(w->P, (const double *)&d->A[j], &PA[j]);
+    for (int j = 0; j < NU; j++) multiply_column(w->P, (const double *)&d->B[j], &PB[j]);
+    multiply_column(w->P, (const double *)&d->b, &d->moved);
     d->pulled = nothing;
     for (int j = 0; j < NU; j++) {
         const V product = w->S[j] * d->b, both = PB[j] + w->S[j];
         U side;
-        d->pulled[j] = total(&product);
-        times_short(d->across, (const double *)&both, &M[j]); /* B'(P B + S) */
-        times_short(d->across, (const double *)&w->S[j], &side);
+        d->pulled[j] = sum_entries(&product);
+        multiply_short_column(d->across, (const double *)&both, &M[j]); /* B'(P B + S) */
+        multiply_short_column(d->across, (const double *)&w->S[j], &side);
         Z[j] = side; /* B'S, by columns */
         reach[j] = both;
     }
@@ -160,14 +160,14 @@ static inline int back(const hda_mpc_qp *qp, int k, const double *weight, hda_mp
         for (int i = 0; i < NU; i++) M[j][i] += Z[i][j] + w->Z[j][i];
     for (int j = 0; j < NU; j++) {
         V at;
-        times(d->turned, (const double *)&reach[j], &at); /* Qux' = A'(P B + S) */
+        multiply_column(d->turned, (const double *)&reach[j], &at); /* Qux' = A'(P B + S) */
         reach[j] = at;
         d->step[j] = qp->D[k * NU + j] + weight[NU + j];
         M[j][j] += qp->R[k * NU + j] + weight[j];
         Q[j] = M[j];
         Q[j][j] += d->step[j];
     }
-    if (invert(Q, d->inverse)) return -1;
+    if (invert_inputs(Q, d->inverse)) return -1;
     for (int j = 0; j < NU; j++) {
         V sum = reach[0] * d->inverse[j][0];
         for (int m = 1; m < NU; m++) sum += reach[m] * d->inverse[j][m];
@@ -177,11 +177,11 @@ static inline int back(const hda_mpc_qp *qp, int k, const double *weight, hda_mp
         w->S[j] = sum * d->step[j];
     }
     for (int j = 0; j < NX; j++) {
-        times(d->turned, (const double *)&PA[j], &next[j]);
+        multiply_column(d->turned, (const double *)&PA[j], &next[j]);
         for (int m = 0; m < NU; m++) next[j] -= d->gain[m] * reach[m][j];
     }
     memcpy(w->P, next, sizeof next);
-    if (k % 4 == 0) even_out(w->P);
+    if (k % 4 == 0) make_symmetric(w->P);
     for (int j = 0; j < NU; j++) {
         U sum = d->inverse[0] * M[j][0];
         for (int m = 1; m < NU; m++) sum += d->inverse[m] * M[j][m];
@@ -196,14 +196,14 @@ int hda_mpc_factor(const hda_mpc_qp *qp, const double *weight, hda_mpc_factors *
     worth w;
     memset(&w, 0, sizeof w);
     for (int k = N - 1; k >= 0; k--)
-        if (back(qp, k, weight + k * ROWS, &f->node[k], &w)) return -1;
+        if (step_backwards(qp, k, weight + k * ROWS, &f->node[k], &w)) return -1;
     return 0;
 }
 
 /* The slope of the cost by the state of node k + 1. */
-static inline void tilt(const hda_mpc_qp *qp, const hda_mpc_node *d, int k, const double *slope, V *e) {
+static inline void slope_of_cost(const hda_mpc_qp *qp, const hda_mpc_node *d, int k, const double *slope, V *e) {
     V h;
-    load(qp->h + k * NX, &h);
+    load_column(qp->h + k * NX, &h);
     h += *e;
     for (int g = 0; g < NG; g++) h += d->G[g] * slope[HARD + SIMPLES + g];
     for (int i = 0; i < SIMPLES; i++) h[simple[i]] += slope[HARD + i];
@@ -211,14 +211,14 @@ static inline void tilt(const hda_mpc_qp *qp, const hda_mpc_node *d, int k, cons
 }
 
 /* Values of all rows of a node. */
-static inline void values(const hda_mpc_node *d, const U *T, const U *before, const V *x, double *row) {
+static inline void row_values(const hda_mpc_node *d, const U *T, const U *before, const V *x, double *row) {
     const U change = *T - *before;
     memcpy(row, T, NU * sizeof *row);
     memcpy(row + NU, &change, NU * sizeof *row);
     for (int i = 0; i < SIMPLES; i++) row[HARD + i] = (*x)[simple[i]];
     for (int g = 0; g < NG; g++) {
         const V product = d->G[g] * *x;
-        row[HARD + SIMPLES + g] = total(&product);
+        row[HARD + SIMPLES + g] = sum_entries(&product);
     }
 }
 
@@ -230,17 +230,17 @@ void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double 
         const hda_mpc_node *d = &f->node[k];
         const double *lean = slope + k * ROWS;
         U q, r, change, own, turn;
-        tilt(qp, d, k, lean, &e);
+        slope_of_cost(qp, d, k, lean, &e);
         e += d->moved;
-        load_short(qp->r + k * NU, &r);
-        load_short(qp->d + k * NU, &change);
-        load_short(lean, &own);
-        load_short(lean + NU, &turn);
+        load_short_column(qp->r + k * NU, &r);
+        load_short_column(qp->d + k * NU, &change);
+        load_short_column(lean, &own);
+        load_short_column(lean + NU, &turn);
         change += turn;
-        times_short(d->across, (const double *)&e, &q);
+        multiply_short_column(d->across, (const double *)&e, &q);
         q += (r + own) + change + (d->pulled + o);
         V next;
-        times(d->turned, (const double *)&e, &next);
+        multiply_column(d->turned, (const double *)&e, &next);
         U sum = d->inverse[0] * q[0];
         for (int j = 1; j < NU; j++) sum += d->inverse[j] * q[j];
         for (int j = 0; j < NU; j++) next -= d->gain[j] * q[j];
@@ -248,18 +248,18 @@ void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double 
         e = next;
         o = d->step * sum - change;
     }
-    load(qp->first, &now);
+    load_column(qp->first, &now);
     for (int k = 0; k < N; k++) {
         const hda_mpc_node *d = &f->node[k];
         U own = idle[k], fed;
         V next;
-        times_short(d->feed, (const double *)&now, &fed);
+        multiply_short_column(d->feed, (const double *)&now, &fed);
         for (int j = 0; j < NU; j++) own -= d->kept[j] * before[j];
         own = -(own + fed);
-        times(d->A, (const double *)&now, &next);
+        multiply_column(d->A, (const double *)&now, &next);
         next += d->b;
         for (int j = 0; j < NU; j++) next += d->B[j] * own[j];
-        values(d, &own, &before, &next, rows + k * ROWS);
+        row_values(d, &own, &before, &next, rows + k * ROWS);
         memcpy(T + k * NU, &own, NU * sizeof *T);
         memcpy(x + k * NX, &next, NX * sizeof *x);
         now = next;
@@ -267,18 +267,18 @@ void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double 
     }
 }
 
-void hda_mpc_roll(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *held, double *x, double *rows) {
+void hda_mpc_roll_out(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *held, double *x, double *rows) {
     V now;
     U T, before = nothing;
-    load(qp->first, &now);
-    load_short(held, &T);
+    load_column(qp->first, &now);
+    load_short_column(held, &T);
     for (int k = 0; k < N; k++) {
         const hda_mpc_node *d = &f->node[k];
         V next;
-        times(d->A, (const double *)&now, &next);
+        multiply_column(d->A, (const double *)&now, &next);
         next += d->b;
         for (int j = 0; j < NU; j++) next += d->B[j] * T[j];
-        values(d, &T, &before, &next, rows + k * ROWS);
+        row_values(d, &T, &before, &next, rows + k * ROWS);
         memcpy(x + k * NX, &next, NX * sizeof *x);
         now = next;
         before = T;

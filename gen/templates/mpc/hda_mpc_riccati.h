@@ -28,7 +28,7 @@ typedef struct hda_mpc_factors {
 } hda_mpc_factors;
 
 /* Everything that does not depend on weights and slopes. */
-void hda_mpc_turn(const hda_mpc_qp *qp, hda_mpc_factors *f);
+void hda_mpc_arrange_factors(const hda_mpc_qp *qp, hda_mpc_factors *f);
 
 /* 0, or -1 where a pivot is not positive. */
 int hda_mpc_factor(const hda_mpc_qp *qp, const double *weight, hda_mpc_factors *f);
@@ -38,6 +38,6 @@ void hda_mpc_solve(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double 
                    double *rows);
 
 /* States and rows with that torque at every node. */
-void hda_mpc_roll(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *held, double *x, double *rows);
+void hda_mpc_roll_out(const hda_mpc_qp *qp, const hda_mpc_factors *f, const double *held, double *x, double *rows);
 
 #endif

@@ -53,7 +53,7 @@ int hda_mpc_riccati(const hda_mpc_qp *qp, hda_mpc_solution *solution, hda_mpc_wo
 
 /* Does beforehand what needs neither the first state nor the cost's slope, for the next hda_mpc_riccati with the same
  * matrices and bounds. */
-void hda_mpc_anticipate(const hda_mpc_qp *qp, const hda_mpc_solution *solution, hda_mpc_work *w);
+void hda_mpc_prepare_riccati(const hda_mpc_qp *qp, const hda_mpc_solution *solution, hda_mpc_work *w);
 
 /* The same from the interior point alone. */
 int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *solution, hda_mpc_work *w);
@@ -62,15 +62,15 @@ int hda_mpc_interior(const hda_mpc_qp *qp, hda_mpc_solution *solution, hda_mpc_w
 int hda_mpc_osqp(const hda_mpc_qp *qp, hda_mpc_solution *solution, double tolerance, int iterations);
 
 /* Whether every entry may be solved with. */
-int hda_mpc_legal(const hda_mpc_qp *qp);
+int hda_mpc_is_valid(const hda_mpc_qp *qp);
 
 /* The interior point's beginning, wide: far from every bound. 0, or -1 where the factorisation failed. */
-int hda_mpc_enter(const hda_mpc_qp *qp, hda_mpc_work *w, int wide);
+int hda_mpc_start_interior(const hda_mpc_qp *qp, hda_mpc_work *w, int wide);
 
 /* The same from the plan as it is (no change of torque) and multipliers of its rows. */
-int hda_mpc_again(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y);
+int hda_mpc_restart_interior(const hda_mpc_qp *qp, hda_mpc_work *w, const double *y);
 
 /* Its iterations until the gap is that small: 1, or 0 where they ran out. */
-int hda_mpc_approach(const hda_mpc_qp *qp, hda_mpc_work *w, double gap);
+int hda_mpc_iterate_interior(const hda_mpc_qp *qp, hda_mpc_work *w, double gap);
 
 #endif

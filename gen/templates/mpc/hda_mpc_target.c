@@ -27,7 +27,7 @@ static const int is_flexible[] = HDA_MPC_IS_FLEXIBLE;
 #define BACK 0.5
 
 /* exp of a 3 x 3 matrix, by squaring what is left of 1. */
-static void exponential(const double *A, double time, double *out) {
+static void matrix_exponential(const double *A, double time, double *out) {
     double X[9], Y[9], Z[9];
     for (int i = 0; i < 9; i++) Y[i] = X[i] = A[i] * time / 1099511627776.0; /* 2^40 */
     for (int order = 4; order >= 2; order--) {
@@ -48,11 +48,11 @@ static void exponential(const double *A, double time, double *out) {
 }
 
 /* Limits of the rows and what one unit of a row is, in SI. */
-static void rows(hda_mpc *k) {
+static void set_row_limits(hda_mpc *k) {
     const hda_mpc_settings *s = &k->settings;
     const double keep = 1.0 - s->margin;
     double ratio[NU];
-    hda_mpc_ratios(k->c, ratio);
+    hda_mpc_read_ratios(k->c, ratio);
     memset(k->back, 0, sizeof k->back);
     for (int j = 0; j < NU; j++) {
         const double gear = ratio[j] < 0.0 ? -ratio[j] : ratio[j], speed = s->motor_speed[j],
@@ -82,7 +82,7 @@ static void rows(hda_mpc *k) {
 }
 
 /* Penalties, in the cost's normalised units, by each row's size. */
-static void penalties(hda_mpc *k) {
+static void set_penalties(hda_mpc *k) {
     const hda_mpc_settings *s = &k->settings;
     for (int row = 0; row < ROWS; row++) {
         k->size[row] = 0.5 * (k->limits[row][1] - k->limits[row][0]);
@@ -97,7 +97,7 @@ static void penalties(hda_mpc *k) {
     }
 }
 
-void hda_mpc_constants(hda_mpc *k) {
+void hda_mpc_set_constants(hda_mpc *k) {
     const hda_mpc_settings *s = &k->settings;
     static const int joint_of[] = HDA_MPC_FLEXIBLE_JOINTS;
     double time = 0.0;
@@ -109,8 +109,8 @@ void hda_mpc_constants(hda_mpc *k) {
         const double M = s->mass[axis],
                      A[9] = {0.0, 1.0, 0.0,      -s->stiffness[axis] / M, -s->damping[axis] / M, 1.0 / M,
                              0.0, 0.0, -s->decay};
-        exponential(A, k->guard.config.period, k->carry[axis]);
-        for (int node = 0; node < N; node++) exponential(A, s->grid[node], k->carry[(node + 1) * AXES + axis]);
+        matrix_exponential(A, k->guard.config.period, k->carry[axis]);
+        for (int node = 0; node < N; node++) matrix_exponential(A, s->grid[node], k->carry[(node + 1) * AXES + axis]);
     }
     for (int node = 0; node < N; node++) { /* in the middle of the node */
         k->fading[node] = exp(-s->decay * (time + 0.5 * s->grid[node]));
@@ -127,19 +127,19 @@ void hda_mpc_constants(hda_mpc *k) {
         k->qp.R[e] = k->weight * s->weight_torque; /* torques are shares of the motor's largest */
         k->qp.D[e] = k->weight * s->weight_rate;
     }
-    rows(k);
-    penalties(k);
-    hda_mpc_wind(k);
+    set_row_limits(k);
+    set_penalties(k);
+    hda_mpc_set_torsion_limits(k);
 }
 
-static double within(double value) {
+static double clamp_bound(double value) {
     return value > HDA_MPC_FREE ? 2.0 * HDA_MPC_FREE : value < -HDA_MPC_FREE ? -2.0 * HDA_MPC_FREE : value;
 }
 
 /* How far the present state is beyond its places: walls and ranges of joints; in the rows' units, 0 within. */
-static void outside(const hda_mpc *k, double (*beyond)[2]) {
+static void find_violations(const hda_mpc *k, double (*beyond)[2]) {
     double y[NY], Y[NY * NX], g[NG], G[NG * NX];
-    if (HDA_MPC_WALLS) hda_mpc_look(k, k->x, y, Y, g, G);
+    if (HDA_MPC_WALLS) hda_mpc_compute_outputs(k, k->x, y, Y, g, G);
     for (int row = HARD; row < ROWS; row++) {
         beyond[row][0] = beyond[row][1] = 0.0;
         if (k->back[row] == 0.0) continue;
@@ -151,16 +151,16 @@ static void outside(const hda_mpc *k, double (*beyond)[2]) {
 
 /* What is left of it at a time, where it comes back as it has to: so the way back does not ask for more speed than is
  * allowed. */
-static double left(const hda_mpc *k, double (*beyond)[2], int row, int side, double time) {
+static double remaining_violation(const hda_mpc *k, double (*beyond)[2], int row, int side, double time) {
     const double rest = row < HARD ? 0.0 : beyond[row][side] - k->back[row] * time;
     return rest > 0.0 ? rest : 0.0;
 }
 
-void hda_mpc_bound(hda_mpc *k) {
+void hda_mpc_set_bounds(hda_mpc *k) {
     const hda_mpc_settings *s = &k->settings;
     hda_mpc_qp *qp = &k->qp;
     double beyond[ROWS][2], time = 0.0;
-    outside(k, beyond);
+    find_violations(k, beyond);
     for (int node = 0; node < N; node++) {
         time += s->grid[node];
         const double *x = k->x + (node + 1) * NX, span = node ? s->grid[node - 1] : k->guard.config.period;
@@ -173,8 +173,8 @@ void hda_mpc_bound(hda_mpc *k) {
                                : row < HARD           ? change
                                : row < HARD + SIMPLES ? x[simple[row - HARD]]
                                                       : k->g[node * NG + row - HARD - SIMPLES];
-            low[row] = within(share * k->limits[row][0] - left(k, beyond, row, 0, time) - now);
-            high[row] = within(share * k->limits[row][1] + left(k, beyond, row, 1, time) - now);
+            low[row] = clamp_bound(share * k->limits[row][0] - remaining_violation(k, beyond, row, 0, time) - now);
+            high[row] = clamp_bound(share * k->limits[row][1] + remaining_violation(k, beyond, row, 1, time) - now);
         }
         for (int j = 0; j < NU; j++) {
             const double before = node ? k->T[(node - 1) * NU + j] : k->guard.sent[j] / full[j];
@@ -184,14 +184,14 @@ void hda_mpc_bound(hda_mpc *k) {
     }
 }
 
-static void carried(const double *E, double force, double *position, double *velocity) {
+static void carry_admittance(const double *E, double force, double *position, double *velocity) {
     const double x = *position, v = *velocity;
     *position = E[0] * x + E[1] * v + E[2] * force;
     *velocity = E[3] * x + E[4] * v + E[5] * force;
 }
 
 /* The force along each axis of the target: at the tip, or as torques of the joints. */
-static void along(const hda_mpc *k, const double *force, double *axis) {
+static void force_along_axes(const hda_mpc *k, const double *force, double *axis) {
     if (!HDA_MPC_JOINT_SPACE) {
         memcpy(axis, force, 2 * sizeof *axis);
         return;
@@ -202,22 +202,22 @@ static void along(const hda_mpc *k, const double *force, double *axis) {
     for (int j = 0; j < NU; j++) axis[j] = J[2 * j] * force[0] + J[2 * j + 1] * force[1];
 }
 
-void hda_mpc_yield(hda_mpc *k, const double *force) {
+void hda_mpc_step_admittance(hda_mpc *k, const double *force) {
     double axis[AXES];
-    along(k, force, axis);
-    for (int a = 0; a < AXES; a++) carried(k->carry[a], axis[a], k->yielded + a, k->yielded + AXES + a);
+    force_along_axes(k, force, axis);
+    for (int a = 0; a < AXES; a++) carry_admittance(k->carry[a], axis[a], k->yielded + a, k->yielded + AXES + a);
 }
 
-void hda_mpc_aim(hda_mpc *k, const double *path, const double *force) {
+void hda_mpc_set_targets(hda_mpc *k, const double *path, const double *force) {
     double yielded[2 * AXES], axis[AXES], goal[NY] = {0};
     memcpy(yielded, k->yielded, sizeof yielded);
-    along(k, force, axis);
+    force_along_axes(k, force, axis);
     for (int node = 0; node < N; node++) {
         const double *wanted = path + (node + 1) * 2 * AXES, *Y = k->Y + node * NY * NX, *y = k->y + node * NY;
         double *restrict h = k->qp.h + node * NX;
         for (int a = 0; a < AXES; a++) {
             const double *E = k->carry[(node + 1) * AXES + a];
-            carried(E, axis[a], yielded + a, yielded + AXES + a);
+            carry_admittance(E, axis[a], yielded + a, yielded + AXES + a);
             axis[a] *= E[8];
             goal[a] = wanted[a] + yielded[a];
             goal[AXES + a] = wanted[AXES + a] + yielded[AXES + a];
@@ -232,7 +232,7 @@ void hda_mpc_aim(hda_mpc *k, const double *path, const double *force) {
 }
 
 /* Where in the plan the time `at` lies: node, and share of it that is over. */
-static int place(const double *grid, double at, double *share) {
+static int place_in_plan(const double *grid, double at, double *share) {
     int node = 0;
     while (node < N - 1 && at > grid[node]) at -= grid[node++];
     *share = at / grid[node] < 1.0 ? at / grid[node] : 1.0;
@@ -241,7 +241,7 @@ static int place(const double *grid, double at, double *share) {
 
 /* One period on: states between the old nodes by a straight line; each torque the mean of the old ones over its new
  * node; the multipliers of the node that each new one begins in. Beyond the horizon the last node goes on. */
-void hda_mpc_shift(hda_mpc *k) {
+void hda_mpc_shift_plan(hda_mpc *k) {
     const double *grid = k->settings.grid, period = k->guard.config.period;
     double old_x[(N + 1) * NX], old_T[N * NU], old_dual[HDA_MPC_ALL], begun = period;
     memcpy(old_x, k->x, sizeof old_x);
@@ -249,7 +249,7 @@ void hda_mpc_shift(hda_mpc *k) {
     memcpy(old_dual, k->solution.dual, sizeof old_dual);
     for (int node = 0; node < N; node++) {
         double from, to;
-        const int first = place(grid, begun, &from), last = place(grid, begun + grid[node], &to),
+        const int first = place_in_plan(grid, begun, &from), last = place_in_plan(grid, begun + grid[node], &to),
                   nearest = from < 0.5 || first == N - 1 ? first : first + 1;
         for (int i = 0; i < NX; i++)
             k->x[(node + 1) * NX + i] = (1.0 - to) * old_x[last * NX + i] + to * old_x[(last + 1) * NX + i];

@@ -21,23 +21,23 @@ static const int simple[] = HDA_MPC_SIMPLE;
 #define SLIGHT 0.05 /* share of a limit: what is beyond it by less, noise may have moved there */
 #define SLOW 0.2    /* s: a force that comes within it is a collision, one that grows slower is a push */
 
-static int family(int row) {
+static int family_of_row(int row) {
     if (row < HARD + SIMPLES) return row / NU;
     row -= HARD + SIMPLES;
     return row < HDA_MPC_FLEXIBLE ? 4 : row == HDA_MPC_FLEXIBLE ? 5 : 6;
 }
 
-static void more(double *most, double value) {
+static void keep_largest(double *most, double value) {
     if (value > *most) *most = value;
 }
 
 /* How far beyond its limits a row is, SI. */
-static double over(const hda_mpc *k, int row, double value) {
+static double violation_of_row(const hda_mpc *k, int row, double value) {
     const double high = value - k->limits[row][1], low = k->limits[row][0] - value;
     return (high > low ? high : low) * k->unit[row];
 }
 
-void hda_mpc_feel(hda_mpc *k) {
+void hda_mpc_detect_contact(hda_mpc *k) {
     hda_mpc_report *r = &k->report;
     double map[2 * NU];
     hda_force_map(k->estimator.last, k->c, map);
@@ -54,7 +54,7 @@ void hda_mpc_feel(hda_mpc *k) {
 
 /* Whether a path's point is farther than the arm is long, nearer than its longest link lets the others come, or beyond
  * the range of a joint. */
-static int unreached(const hda_mpc *k, const double *path) {
+static int is_out_of_reach(const hda_mpc *k, const double *path) {
     if (HDA_MPC_JOINT_SPACE) {
         for (int j = 0; j < NU; j++)
             if (path[j] < k->settings.position_low[j] || path[j] > k->settings.position_high[j]) return 1;
@@ -66,45 +66,47 @@ static int unreached(const hda_mpc *k, const double *path) {
     for (int i = 0; i < NU; i++) {
         const double link = hda_length(points[2 * i + 2] - points[2 * i], points[2 * i + 3] - points[2 * i + 1]);
         length += link;
-        more(&longest, link);
+        keep_largest(&longest, link);
     }
     const double far = hda_length(path[0] - points[0], path[1] - points[1]);
     return HDA_MPC_TURNING && (far > length || far < 2.0 * longest - length);
 }
 
-int hda_mpc_beside(const hda_mpc *k, const double *path) {
+int hda_mpc_check_limits(const hda_mpc *k, const double *path) {
     double y[HDA_MPC_NY], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
-    hda_mpc_look(k, k->x, y, Y, g, G);
+    hda_mpc_compute_outputs(k, k->x, y, Y, g, G);
     for (int row = HARD; row < ROWS; row++) {
         const double value = row < HARD + SIMPLES ? k->x[simple[row - HARD]] : g[row - HARD - SIMPLES];
-        if (over(k, row, value) > SLIGHT * k->size[row] * k->unit[row]) return HDA_MPC_OUTSIDE;
+        if (violation_of_row(k, row, value) > SLIGHT * k->size[row] * k->unit[row]) return HDA_MPC_OUTSIDE;
     }
-    return unreached(k, path) ? HDA_MPC_UNREACHED : 0;
+    return is_out_of_reach(k, path) ? HDA_MPC_UNREACHED : 0;
 }
 
-HDA_APART static void say(hda_mpc *k) {
+HDA_APART static void fill_report(hda_mpc *k) {
     hda_mpc_report *r = &k->report;
     double y[HDA_MPC_NY], Y[HDA_MPC_NY * NX], g[NG], G[NG * NX];
     memset(r->active_of, 0, sizeof r->active_of);
     memset(r->violated_by, 0, sizeof r->violated_by);
     memset(r->foreseen_by, 0, sizeof r->foreseen_by);
-    hda_mpc_look(k, k->x, y, Y, g, G);
-    for (int i = 0; i < SIMPLES; i++) more(&r->violated_by[family(HARD + i)], over(k, HARD + i, k->x[simple[i]]));
-    for (int i = 0; i < NG; i++) more(&r->violated_by[family(HARD + SIMPLES + i)], over(k, HARD + SIMPLES + i, g[i]));
+    hda_mpc_compute_outputs(k, k->x, y, Y, g, G);
+    for (int i = 0; i < SIMPLES; i++)
+        keep_largest(&r->violated_by[family_of_row(HARD + i)], violation_of_row(k, HARD + i, k->x[simple[i]]));
+    for (int i = 0; i < NG; i++)
+        keep_largest(&r->violated_by[family_of_row(HARD + SIMPLES + i)], violation_of_row(k, HARD + SIMPLES + i, g[i]));
     for (int e = 0; e < HDA_MPC_ALL; e++) {
         const int row = e % ROWS, node = e / ROWS;
-        if (k->solution.dual[e] != 0.0) r->active_of[family(row)] += 1.0;
+        if (k->solution.dual[e] != 0.0) r->active_of[family_of_row(row)] += 1.0;
         if (row < HARD) continue;
         double beyond = -1.0;
         if (row < HARD + SIMPLES) {
-            beyond = over(k, row, k->x[(node + 1) * NX + simple[row - HARD]]);
+            beyond = violation_of_row(k, row, k->x[(node + 1) * NX + simple[row - HARD]]);
         } else {
             const double *slope = k->qp.G + (node * NG + row - HARD - SIMPLES) * NX;
             double value = k->g[node * NG + row - HARD - SIMPLES];
             for (int i = 0; i < NX; i++) value += slope[i] * k->solution.x[node * NX + i];
-            beyond = over(k, row, value);
+            beyond = violation_of_row(k, row, value);
         }
-        more(&r->foreseen_by[family(row)], beyond);
+        keep_largest(&r->foreseen_by[family_of_row(row)], beyond);
     }
     r->failures = k->failures;
     r->factored = k->solution.factored;
@@ -118,8 +120,8 @@ HDA_APART static void say(hda_mpc *k) {
     for (int e = 0; e < N * NX; e++) r->predicted[e] = scale[e % NX] * k->x[NX + e];
 }
 
-void hda_mpc_say(hda_mpc *k) {
+void hda_mpc_fill_report(hda_mpc *k) {
     const hda_float caller = hda_float_hold();
-    say(k);
+    fill_report(k);
     hda_float_restore(&caller);
 }
