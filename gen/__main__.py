@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gen.entry import escaped
+from gen.robot.value_reader import escaped
 
 EXAMPLES = """examples:
   python -m gen build                          the preset `paper` into build/
@@ -115,10 +115,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     """Run a command; problems that it foresees go to standard error."""
-    from gen.build import BuildError
-    from gen.compile import CompileError
-    from gen.mpc.structure import StructureError
-    from gen.robot import RobotError
+    from gen.builder.build import BuildError
+    from gen.builder.compiler import CompileError
+    from gen.mpc.problem_structure import StructureError
+    from gen.robot.description import RobotError
 
     try:
         runs = {"build": _build, "list": _list, "describe": _describe, "check": _check, "mend": _mend}
@@ -133,7 +133,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _time(options: argparse.Namespace) -> int:
-    from gen.timing import command
+    from gen.builder.function_timing import command
 
     return command(options)
 
@@ -148,8 +148,8 @@ def _effects(options: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _build(options: argparse.Namespace) -> int:
-    from gen.build import build
-    from gen.mpc.structure import parse
+    from gen.builder.build import build
+    from gen.mpc.problem_structure import parse
 
     structure = parse(options.mpc)
     folder, made = build(options.robot, options.profile, options.out, _effects(options), structure)
@@ -179,10 +179,10 @@ def _add_truth(commands: Any) -> None:
 def _truth(options: argparse.Namespace) -> int:
     import json
 
-    from gen.build import BuildError, assembled
-    from gen.mpc.structure import StructureError, parse
-    from gen.mpc.truth import truth
-    from gen.robot import load
+    from gen.builder.build import BuildError, assembled
+    from gen.mpc.ipopt_solution import truth
+    from gen.mpc.problem_structure import StructureError, parse
+    from gen.robot.load_robot import load
 
     structure = parse(options.mpc)
     if structure is None:
@@ -197,7 +197,7 @@ def _truth(options: argparse.Namespace) -> int:
 
 
 def _list(options: argparse.Namespace) -> int:
-    from gen.build import listing
+    from gen.builder.build import listing
 
     rows = list(listing(options.out))
     for name, contents, whole in rows:
@@ -213,8 +213,8 @@ def _list(options: argparse.Namespace) -> int:
 def _describe(options: argparse.Namespace) -> int:
     import json
 
-    from gen.description import canonical
-    from gen.robot import load
+    from gen.robot.description import canonical
+    from gen.robot.load_robot import load
 
     print(json.dumps(canonical(load(options.robot))))
     return 0
@@ -223,8 +223,8 @@ def _describe(options: argparse.Namespace) -> int:
 def _mend(options: argparse.Namespace) -> int:
     import json
 
-    from gen.build import assembled
-    from gen.robot import load
+    from gen.builder.build import assembled
+    from gen.robot.load_robot import load
 
     step, widths = assembled(options.robot, load(options.robot), ())[2].mended()
     print(json.dumps({"step": step, "friction_smoothing": widths}))
@@ -232,7 +232,7 @@ def _mend(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from gen.check import report
+    from gen.builder.robot_check import report
 
     lines, fits = report(options.robot, _effects(options), options.profile, options.out)
     for line in lines:

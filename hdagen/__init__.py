@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from hdagen.support.lazy_names import lazy_names
+from hdagen.support.version import __version__ as __version__
 
 if sys.platform == "win32":
     raise ImportError("hdagen does not run on Windows; use Linux, there or in the Windows Subsystem for Linux.")
 
 if TYPE_CHECKING:
-    from hdagen.control import Controller, Fault, Guard, Safe
-    from hdagen.log import Log, LogError
-    from hdagen.mpc.controller import MPC
-    from hdagen.plant import Arm, Parameter, PlantError, StepJacobians, load
-    from hdagen.reference import Reference, circle
-    from hdagen.simulation import Push, Sensors, Simulation, simulate
+    from hdagen.arm.arm_parameters import Parameter
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.arm.compiled_arm import Arm, load
+    from hdagen.arm.compiled_model import StepJacobians
+    from hdagen.control.guarded_controller import Controller, Fault, Guard, Safe
+    from hdagen.control.reference_motion import Reference, circle
+    from hdagen.log.data_table import LogError
+    from hdagen.log.measured_log import Log
+    from hdagen.mpc.predictive_controller import MPC
+    from hdagen.simulation.simulated_sensors import Sensors
+    from hdagen.simulation.simulator import Push, Simulation, simulate
 
 __all__ = [
     "MPC",
@@ -37,27 +44,15 @@ __all__ = [
     "load",
     "simulate",
 ]
-__version__ = "0.1.0"
 _HOMES = {
-    "control": ("Controller", "Fault", "Guard", "Safe"),
-    "log": ("Log", "LogError"),
-    "mpc.controller": ("MPC",),
-    "plant": ("Arm", "Parameter", "PlantError", "StepJacobians", "load"),
-    "reference": ("Reference", "circle"),
-    "simulation": ("Push", "Sensors", "Simulation", "simulate"),
+    "control.guarded_controller": ("Controller", "Fault", "Guard", "Safe"),
+    "log.data_table": ("LogError",),
+    "log.measured_log": ("Log",),
+    "mpc.predictive_controller": ("MPC",),
+    "arm.arm_parameters": ("Parameter",),
+    "arm.build_loader": ("PlantError",),
+    "arm.compiled_arm": ("Arm", "StepJacobians", "load"),
+    "control.reference_motion": ("Reference", "circle"),
+    "simulation.simulator": ("Push", "Sensors", "Simulation", "simulate"),
 }
-
-
-def __getattr__(name: str) -> Any:
-    """A public name, imported when it is first asked for: a command that is interrupted or asked for help, or that
-    finds no memory, has not yet loaded numpy."""
-    for home, names in _HOMES.items():
-        if name in names:
-            value = getattr(importlib.import_module(f"{__name__}.{home}"), name)
-            globals()[name] = value
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import NoReturn
 
-from hdagen import __version__
+from hdagen.support.version import __version__
 
 COMMANDS = ("demo", "simulate", "replay", "diagnose", "adopt", "excite", "mpc", "bench", "blind", "paper")
 DONE, BAR_MISSED, USAGE, UNUSABLE, UNFORESEEN, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 130, 141
@@ -23,7 +23,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print usage and the message; exit code 2."""
-        from hdagen.names import printable
+        from hdagen.support.messages import printable
 
         super().error(printable(message))
 
@@ -40,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"hdagen {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar=" | ".join(COMMANDS))
     for name in COMMANDS:
-        importlib.import_module(f"hdagen.{name}_command").add_parser(commands)
+        importlib.import_module(f"hdagen.cli.{name}").add_parser(commands)
     return top
 
 
@@ -82,11 +82,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     """Run a command; errors that it foresees go to standard error."""
     options = parser().parse_args(arguments)
-    from hdagen.log import ColumnsError, LogError
-    from hdagen.plant import PlantError
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.log.column_map import ColumnsError
+    from hdagen.log.data_table import LogError
 
     try:
-        return int(importlib.import_module(f"hdagen.{options.command}_command").run(options))
+        return int(importlib.import_module(f"hdagen.cli.{options.command}").run(options))
     except PlantError as error:
         print(error, file=sys.stderr)
         return USAGE
@@ -117,7 +118,7 @@ def _ended(code: int, sentence: str) -> int:
     once more at its end, and complain."""
     with suppress(OSError, ValueError):
         if sentence:
-            from hdagen.names import printable
+            from hdagen.support.messages import printable
 
             print(printable(sentence), file=sys.stderr, flush=True)
     try:

@@ -14,10 +14,10 @@ import pytest
 from compiled import Compiled, load
 from replayed import FLEXIBLE, simulated
 
-from gen.build import build as make
-from hdagen.log import Log
-from hdagen.paper.prototype import ROBOT, TABLE_1, Bench
-from hdagen.plant import Arm
+from gen.builder.build import build as make
+from hdagen.arm.compiled_arm import Arm
+from hdagen.log.measured_log import Log
+from hdagen.paper.prototype.virtual_prototype import ROBOT, TABLE_1, Bench
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -10,27 +10,29 @@ from typing import Any
 
 import pytest
 
-from hdagen import figures, measured_tables
-from hdagen.bench import Bar
+from hdagen.bench import measured_tables, published_figures
+from hdagen.bench.benchmark import Bar
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = figures.documents(ROOT)
+DOCUMENTS = published_figures.documents(ROOT)
 
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, Any]:
-    return figures.read(ROOT)
+    return published_figures.read(ROOT)
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_a_document_is_what_the_last_runs_make_it(path: Path, found: dict[str, Any]) -> None:
     text = path.read_text(encoding="utf-8")
-    assert figures.updated(text, found) == text, "call `python -m hdagen.figures` in the project's folder"
+    assert published_figures.updated(text, found) == text, (
+        "call `python -m hdagen.bench.published_figures` in the project's folder"
+    )
 
 
 def test_every_table_stands_somewhere() -> None:
     text = "".join(path.read_text(encoding="utf-8") for path in DOCUMENTS)
-    assert [name for name in figures.TABLES if f"<!-- {name}: begin -->" not in text] == []
+    assert [name for name in published_figures.TABLES if f"<!-- {name}: begin -->" not in text] == []
 
 
 def test_the_bars_of_the_last_run_are_those_of_today(found: dict[str, Any]) -> None:
@@ -38,7 +40,7 @@ def test_the_bars_of_the_last_run_are_those_of_today(found: dict[str, Any]) -> N
     bars = {bar["name"]: Bar(**bar) for bar in found["bench"]["bars"]}
     assert {name: (bar.bar, bar.bound, bar.unit) for name, bar in bars.items()} == {
         name: (entry["bar"], entry["bound"], entry["unit"]) for name, entry in asked.items()
-    }, "call `hdagen bench --json > docs/bench.json`, then `python -m hdagen.figures`"
+    }, "call `hdagen bench --json > docs/bench.json`, then `python -m hdagen.bench.published_figures`"
     for bar in bars.values():
         reached = bar.reached >= bar.bar if bar.bound == "least" else bar.reached <= bar.bar
         assert bar.met in (reached, None)
@@ -75,12 +77,12 @@ def test_a_real_machine_s_page_says_what_is_there_and_what_remains(found: dict[s
     changed = dict(found) | {
         "real": {"cases": [case, case | {"page": "bam", "verdict": [], "named": False}], "bars": []}
     }
-    *_, line = figures.TABLES["real emps"](changed).splitlines()
+    *_, line = published_figures.TABLES["real emps"](changed).splitlines()
     assert line == (
         "| a slide | coulomb_friction@1 | `coulomb_friction@1` (20.9 ± 0.7 N m) | `unknown@1` | no "
         "| 1634 | 157 | 12.3 | 91 % |"
     )
-    *_, line = figures.TABLES["real bam"](changed).splitlines()
+    *_, line = published_figures.TABLES["real bam"](changed).splitlines()
     assert line.startswith("| a slide | coulomb_friction@1: **missed** | nothing named |  | no |")
 
 
@@ -93,26 +95,26 @@ def test_a_figure_says_where_and_when_it_was_measured(found: dict[str, Any]) -> 
 
 
 def test_a_marker_alone_is_refused(found: dict[str, Any]) -> None:
-    assert figures.updated("no marker", found) == "no marker"
+    assert published_figures.updated("no marker", found) == "no marker"
     with pytest.raises(ValueError, match="stand in this order"):
-        figures.updated("<!-- blind: begin -->\nand the rest of the document", found)
+        published_figures.updated("<!-- blind: begin -->\nand the rest of the document", found)
 
 
 def test_the_command_prints_what_it_changed(
     found: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert figures.main() == 2
+    assert published_figures.main() == 2
     assert "there is no such file" in capsys.readouterr().err
-    for path, _ in figures.SOURCES.values():
+    for path, _ in published_figures.SOURCES.values():
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_bytes((ROOT / path).read_bytes())
     (tmp_path / "README.md").write_text("before\n<!-- blind: begin -->\nold\n<!-- blind: end -->\nafter\n")
-    assert figures.main() == 0
+    assert published_figures.main() == 0
     assert capsys.readouterr().out == "README.md\n"
     text = (tmp_path / "README.md").read_text()
     assert text.startswith("before\n<!-- blind: begin -->\n| measured on |") and text.endswith("end -->\nafter\n")
-    assert figures.main() == 0
+    assert published_figures.main() == 0
     assert capsys.readouterr().out == ""
 
 

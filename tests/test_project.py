@@ -17,10 +17,10 @@ import pytest
 from compiled import Compiled
 
 import hdagen
+from gen.builder.effects_table import table
 from gen.effects import ALL
-from gen.effects_table import table
-from hdagen.blind.seal import seed_hash
-from hdagen.diagnosis import calibration
+from hdagen.blind.label_seal import seed_hash
+from hdagen.diagnosis.decision import calibration
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -159,7 +159,7 @@ def test_ci_leaves_an_active_environment_of_another_python_alone(tmp_path: Path)
 
 def test_the_table_of_effects_is_current() -> None:
     found = re.findall(r"^<!-- effects: begin -->\n(.*)^<!-- effects: end -->$", README, re.MULTILINE | re.DOTALL)
-    assert found == [table()], "put what `python -m gen.effects_table` prints between the README's two markers"
+    assert found == [table()], "put what `python -m gen.builder.effects_table` prints between the README's two markers"
 
 
 def test_no_check_was_made_on_a_seed_of_the_calibration() -> None:
@@ -268,7 +268,7 @@ def imported(folder: str) -> set[str]:
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 found.add(node.module.partition(".")[0])
     folders = (ROOT / "tests", ROOT / "docs" / "examples")
-    own = {"gen", "hdagen", *(path.stem for folder in folders for path in folder.glob("*.py"))}
+    own = {"gen", "hdagen", *(path.stem for folder in folders for path in folder.rglob("*.py"))}
     return found - own - sys.stdlib_module_names
 
 

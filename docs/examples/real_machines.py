@@ -26,8 +26,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from hdagen.bench.host_computer import describe_machine
 from hdagen.log import read, write
-from hdagen.machine import describe_machine
 
 EXAMPLES = Path(__file__).resolve().parent
 FRICTIONS = (

@@ -1,6 +1,5 @@
 """The effects, one file each. NOMINAL is in every model; ALL is what a robot file may state and a build may add."""
 
-from gen.effect import Effect
 from gen.effects import (
     asymmetric_friction,
     backlash,
@@ -39,6 +38,7 @@ from gen.effects import (
     viscous_friction,
     voltage_sag,
 )
+from gen.effects.effect import Effect
 
 NOMINAL: tuple[Effect, ...] = (
     torque_constant.EFFECT,

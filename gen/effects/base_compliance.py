@@ -4,7 +4,7 @@ its joint; τ joint torque; ω, ζ frequency and damping of the base; m its defl
 from collections.abc import Mapping
 from typing import Any
 
-from gen.effect import Effect, Parameter, Port, Signals, State
+from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from gen.effect import Effect, Parameter, Port, Signals
+from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:

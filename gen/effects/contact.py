@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals
+from gen.effects.effect import Effect, Parameter, Port, Signals
 
 SOFT = 3.0  # N m/rad, of a joint's cables: without an obstacle nothing stiffer is in its way
 

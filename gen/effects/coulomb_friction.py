@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from gen.effect import Effect, Port, Signals
+from gen.effects.effect import Effect, Port, Signals
 
 
 def level(s: Signals, p: Mapping[str, Any]) -> Any:

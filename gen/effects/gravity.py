@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from gen.effect import Effect, Port, Signals
+from gen.effects.effect import Effect, Port, Signals
 
 
 def field(s: Signals, p: Mapping[str, Any]) -> Any:
@@ -17,6 +17,6 @@ EFFECT = Effect(
     parameters=(),
     amplitudes=("gravity_x", "gravity_y"),
     equation=field,
-    citation="Lagrangian of the chain (`gen.lagrangian`)",
+    citation="Lagrangian of the chain (`gen.model.lagrangian`)",
     joints="arm",
 )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from gen.effect import Effect, Parameter, Port, Signals
+from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
 def field(s: Signals, p: Mapping[str, Any]) -> Any:
@@ -24,6 +24,6 @@ EFFECT = Effect(
     ),
     amplitudes=("tilt_x", "tilt_y"),
     equation=field,
-    citation="Lagrangian of the chain (`gen.lagrangian`); size: 5° of 9.81 m/s²",
+    citation="Lagrangian of the chain (`gen.model.lagrangian`); size: 5° of 9.81 m/s²",
     joints="arm",
 )

@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals
+from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
 def angle(s: Signals, p: Mapping[str, Any]) -> Any:

@@ -4,7 +4,7 @@ joint; ω, ζ frequency and damping of the clamped link; a deflection, b its abs
 from collections.abc import Mapping
 from typing import Any
 
-from gen.effect import Effect, Parameter, Port, Signals, State
+from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:

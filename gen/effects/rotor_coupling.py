@@ -4,7 +4,7 @@ out)."""
 from collections.abc import Mapping
 from typing import Any
 
-from gen.effect import Effect, Parameter, Port, Signals
+from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
 def share(s: Signals, p: Mapping[str, Any]) -> Any:

@@ -1,9 +1,10 @@
-"""The springs of wave generator and flexspline in series. Legend: φ torsion, τ joint torque (`gen.drive`)."""
+"""The springs of wave generator and flexspline in series. Legend: φ torsion, τ joint torque
+(`gen.model.harmonic_drive`)."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from gen.effect import Effect, Parameter, Port, Signals
+from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:

@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals, State
+from gen.effects.effect import Effect, Parameter, Port, Signals, State
 
 
 def share(s: Signals, p: Mapping[str, Any]) -> Any:

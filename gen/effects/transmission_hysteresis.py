@@ -6,8 +6,8 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals, State
-from gen.memory import slowed
+from gen.effects.effect import Effect, Parameter, Port, Signals, State
+from gen.effects.state_rate_limit import slowed
 
 
 def torque(s: Signals, p: Mapping[str, Any]) -> Any:

@@ -5,7 +5,7 @@ from typing import Any
 
 import casadi as ca
 
-from gen.effect import Effect, Parameter, Port, Signals
+from gen.effects.effect import Effect, Parameter, Port, Signals
 
 
 def sagged(s: Signals, p: Mapping[str, Any]) -> Any:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from gen.mpc.stage import Stage
+from gen.mpc.horizon_stage import Stage
 
 PREFIX = "hda_osqp_"
 UNUSED = {"emosqp.c", "Makefile"}
@@ -197,7 +197,7 @@ def _text(text: str) -> str:
 
 
 def _tables(at: Layout, p: list[Any], a: list[Any]) -> str:
-    from gen.headers import guarded
+    from gen.c_code.headers import guarded
 
     def wide(parts: Any) -> str:
         offsets = [offset for offset, _ in parts] + [-2] * (3 - len(parts))

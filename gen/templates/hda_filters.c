@@ -1,4 +1,4 @@
-/* A bank of extended Kalman filters: hdagen/kalman.py says what they are, and after whom.
+/* A bank of extended Kalman filters: hdagen/prediction/kalman_filter.py says what they are, and after whom.
  *
  * All filters share the model's slopes, which are taken where the likeliest of them is, so that one filter's entry of a
  * covariance stands beside the others': the innermost loops run over filters.

@@ -1,4 +1,4 @@
-/* Encoders that are read late: hdagen/late.py says what they show. */
+/* Encoders that are read late: hdagen/arm/delayed_sensors.py says what they show. */
 #include "hda.h"
 
 /* of x: the joints' positions and velocities */

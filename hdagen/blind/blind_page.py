@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from hdagen import __version__
-from hdagen.blind.bars import Bar
-from hdagen.blind.figures import finite_or_none
-from hdagen.blind.report import Report, by_effect, machine
-from hdagen.blind.score import Row, bins, closed, confusion, coverage, single
-from hdagen.blind.sizes import SIZES
-from hdagen.blind.words import WORDS, said
+from hdagen.blind.blind_report import Report, by_effect, machine
+from hdagen.blind.confidence_intervals import finite_or_none
+from hdagen.blind.labels import WORDS, said
+from hdagen.blind.realities.effect_sizes import SIZES
+from hdagen.blind.required_rates import Bar
+from hdagen.blind.scores import Row, bins, closed, confusion, coverage, single
 from hdagen.pages import figure, page
-from hdagen.pages.table import Cell
+from hdagen.pages.number_table import Cell
+from hdagen.support.version import __version__
 
 KINDS = {
     "single": "one effect",

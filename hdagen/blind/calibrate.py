@@ -4,7 +4,7 @@
     hdagen blind --kind background --cases 200 --calibrate background.json
     python -m hdagen.blind.calibrate single.json background.json --out calibration.json
 
-Temperature and lapse make the observed outcomes most likely; `hdagen.diagnosis.calibration` applies them.
+Temperature and lapse make the observed outcomes most likely; `hdagen.diagnosis.decision.calibration` applies them.
 """
 
 from __future__ import annotations
@@ -19,10 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from hdagen.blind.score import Row
-from hdagen.diagnosis.calibration import CLOSEST, FROZEN, LARGEST, SCHEMA, Calibration, CalibrationError, digest, read
-from hdagen.input_file import InputFileError, read_json
-from hdagen.whole import write_whole
+from hdagen.blind.scores import Row
+from hdagen.diagnosis.decision.calibration import (
+    CLOSEST,
+    FROZEN,
+    LARGEST,
+    SCHEMA,
+    Calibration,
+    CalibrationError,
+    digest,
+    read,
+)
+from hdagen.support.atomic_write import write_whole
+from hdagen.support.input_file import InputFileError, read_json
 
 _TEMPERATURES = np.geomspace(1.0, 50.0, 400)  # tried; from 1 on, as a few cases must not make a search surer than it is
 _LAPSES = 1000  # number of lapses tried with each temperature

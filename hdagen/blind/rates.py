@@ -20,15 +20,15 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from hdagen.blind.bars import BARS, Bar
 from hdagen.blind.blind_page import KINDS
-from hdagen.blind.figures import Figure, means_together, rates_together
-from hdagen.blind.score import Row, summary
-from hdagen.blind.words import WORDS, said
-from hdagen.diagnosis import calibration
-from hdagen.diagnosis.calibration import LARGEST
-from hdagen.input_file import InputFileError, read_json
-from hdagen.whole import write_whole
+from hdagen.blind.confidence_intervals import Figure, means_together, rates_together
+from hdagen.blind.labels import WORDS, said
+from hdagen.blind.required_rates import BARS, Bar
+from hdagen.blind.scores import Row, summary
+from hdagen.diagnosis.decision import calibration
+from hdagen.diagnosis.decision.calibration import LARGEST
+from hdagen.support.atomic_write import write_whole
+from hdagen.support.input_file import InputFileError, read_json
 
 NUMBERS = {one.name for one in fields(Row) if one.type == "float"}
 MEANS = {"p_truth", "brier", "pair_f1"}

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hdagen.pages import frame
+from hdagen.pages.decimation import Array, packed, samples
 from hdagen.pages.frame import LAYOUTS, WIDE, Layout, group, letters, shortened, text_width
 from hdagen.pages.markup import tag
 from hdagen.pages.palette import CYCLE
 from hdagen.pages.plot import path
 from hdagen.pages.quantity import number
-from hdagen.pages.thin import Array, packed, samples
 
 FRAMES = 1500  # that travel with the page; the script interpolates between them
 POSES = 7  # of each arm in the still picture

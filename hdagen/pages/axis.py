@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdagen.pages.decimation import Array
 from hdagen.pages.quantity import RAISED, Quantity, fixed, quantity
-from hdagen.pages.thin import Array
 
 SLACK = 0.01  # of a step: a record of 9.999 s still ends at a tick of 10 s
 

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from hdagen.pages import frame
 from hdagen.pages.axis import Axis, fit
 from hdagen.pages.curve_drawing import draw_plots, note_kept_samples, tabulate_curves
-from hdagen.pages.embed import embedded
+from hdagen.pages.decimation import Array, kept, samples
+from hdagen.pages.embedded_data import embedded
 from hdagen.pages.palette import CYCLE, DASH_CYCLE, DASHES
 from hdagen.pages.plot import Plot, Trace
-from hdagen.pages.thin import Array, kept, samples
 
 NUMBERS = 48_000  # that travel with a figure, about: 5.3 characters each keep a page of twenty figures below 5 MB
 DRAWS = ("line", "step", "points")

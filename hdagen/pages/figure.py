@@ -7,11 +7,11 @@ can be saved as SVG, and its numbers as CSV in base units.
 
 from collections.abc import Sequence
 
-from hdagen.pages.bars import Bars, bars
+from hdagen.pages.bar_chart import Bars, bars
 from hdagen.pages.curves import Curve, Panel, Plane, Series, lines, panels, planes, xy
-from hdagen.pages.heat import heat
+from hdagen.pages.heat_map import heat
 from hdagen.pages.markup import tag
-from hdagen.pages.table import table
+from hdagen.pages.number_table import table
 
 __all__ = [
     "Bars", "Curve", "Panel", "Plane", "Series", "abreast", "bars", "heat", "lines", "panels", "planes", "table", "xy",

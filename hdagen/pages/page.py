@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hdagen.pages import palette
 from hdagen.pages.markup import clean, escape, paragraphs, tag
-from hdagen.whole import write_whole
+from hdagen.support.atomic_write import write_whole
 
 SCRIPTS = ("axis.js", "frame.js", "curves.js", "heat.js", "animation.js", "page.js")  # page.js starts the others
 

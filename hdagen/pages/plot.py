@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdagen.pages.axis import Axis
+from hdagen.pages.decimation import Array, extremes
 from hdagen.pages.frame import Layout, group, letters, shortened, text_width
 from hdagen.pages.markup import tag
 from hdagen.pages.palette import DASHES
-from hdagen.pages.thin import Array, extremes
-from hdagen.stretches import stretches
+from hdagen.support.row_runs import stretches
 
 GAP = 26.0  # between columns, px
 NEAR = 0.7  # px

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hdagen.arm.arrays import Array
+from hdagen.arm.build_loader import PlantError
 from hdagen.pages.axis import fit
+from hdagen.pages.decimation import extremes
 from hdagen.pages.frame import text_width
 from hdagen.pages.palette import COLORS, CYCLE, DASH_CYCLE, DASHES, SEQUENTIAL
 from hdagen.pages.quantity import Quantity, number
-from hdagen.pages.thin import extremes
-from hdagen.paper.result import Axes, Curve, Grid, Map, Part, Result
-from hdagen.plant import Array, PlantError
+from hdagen.paper.prototype.figure_result import Axes, Curve, Grid, Map, Part, Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from xl330 import OFFSET, RATIO, SUPPLY, Recording, read, torque
 
-from hdagen import verdict
-from hdagen.plant import Arm, load
+from hdagen.adoption import verdict
+from hdagen.arm import Arm, load
 
 ROBOT = Path(__file__).with_name("robot.toml")
 STEP = 1e-3  # s, about the period of the servo's own loop

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hdagen.arm import Arm, PlantError, load
 from hdagen.log import Log, LogError, read
-from hdagen.plant import Arm, PlantError, load
 
 STEADY = 0.2  # of the speed's median, within which a row counts
 EDGE = 200  # rows at either end of those that are left out

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from hdagen.log import write
-from hdagen.matfile import read_mat
+from hdagen.log.mat_file import read_mat
 
 LENGTH = 1.0  # m, of the link in axis_1.toml to axis_3.toml
 

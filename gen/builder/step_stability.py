@@ -1,0 +1,277 @@
+"""Whether the step that a robot file states carries the model: smooth friction at rest, and the fastest mode.
+
+Legend: h step, s; A = ∂ẋ/∂x at rest; F the part of A that smooth friction makes; λ eigenvalue, 1/s.
+
+At rest smooth friction has the slope level/width, so it stops a motor at the rate level/(J width), J the inertia that
+the motor feels. RK4 is stable for |h λ| up to 2.78 on the real axis and 2.83 on the imaginary one (Hairer, Wanner,
+Solving Ordinary Differential Equations II (1996), IV.2). Beyond, friction drives the motor to and fro; its level bounds
+that, so nothing blows up, and speeds and sensitivities are wrong in silence. Friction has to stay below 1, which leaves
+parameters room to move, and modes below 2.78; a remark tells where they are beyond 0.5, from which RK4's error shows.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from gen.c_code.headers import MOST_PARTS, slide_velocities
+from gen.model.arm_model import Model
+from gen.model.right_hand_side import Graphs
+
+STABLE = 2.78  # h |λ| of modes
+SMOOTH = 1.0  # h |λ| of smooth friction
+ACCURATE = 0.5  # h |λ| of modes, worth a remark
+POINTS = 256  # configurations, about
+WIDE = 1e12  # factor on the width of smooth friction that takes it out of A
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The fastest mode of the arm at rest over a grid of configurations: |λ|, 1/s, and the joint that moves most."""
+
+    rate: float
+    joint: int
+
+
+@dataclass(frozen=True)
+class Examination:
+    """The rates that the step has to carry. Tuples have an entry a joint."""
+
+    step: float  # s
+    smallest_step: float  # s, into which the step may be divided where friction asks for it
+    width: tuple[float, ...]  # rad/s at the motor, of smooth friction
+    friction: tuple[float, ...]  # 1/s, a bound of the rate that the joint's smooth friction has a part in
+    friction_rate: float  # 1/s, the fastest decay that smooth friction makes
+    unloaded: Mode
+    loaded: Mode  # at the joints' torque limits; `unloaded` where none is stated
+    unstable_from: tuple[tuple[int, float], ...]  # joints and torques, N m or N; empty: nowhere up to law_torque
+
+    def refusals(self, label: str) -> list[str]:
+        """Write a sentence for everything that the step does not carry.
+
+        Args:
+            label: The robot file's name.
+
+        Returns:
+            The sentences; none where the step carries the model.
+
+        """
+        problems = []
+        whole = self.smallest_step * self.friction_rate / SMOOTH
+        for j, (width, rate) in enumerate(zip(self.width, self.friction, strict=True), 1):
+            share = self.smallest_step * rate / SMOOTH
+            if whole > 1 and share > 1:
+                problems.append(
+                    f"{label}, joint[{j}].drive.friction_smoothing: found {width:.4g} rad/s, over which friction stops "
+                    f"the motor {share:.3g} times faster than a step of {self.smallest_step:.3g} s can follow, so that "
+                    f"speeds are wrong in silence, possible is {_rounded(width * share, math.ceil)} or more; write "
+                    f"that, or step = {_rounded(self.step / whole, math.floor)} or less."
+                )
+        size = self.step * self.loaded.rate
+        if size > STABLE:
+            problems.append(
+                f"{label}, step: found {self.step:.4g} s, in which the fastest mode ({self.loaded.rate:.4g} 1/s, at "
+                f"joint {self.loaded.joint}, {self._load}) moves on by {size:.3g} rad, possible is {STABLE}, beyond "
+                f"which RK4 is unstable; write step = {_rounded(STABLE / self.loaded.rate, math.floor)} or less, or "
+                "correct springs, inertias or limits.torque."
+            )
+        return problems
+
+    def mended(self) -> tuple[float, tuple[float, ...]]:
+        """Find a step and widths of smooth friction that carry the model.
+
+        Returns:
+            The step, s, and the widths, rad/s; unchanged where they carry the model already.
+
+        """
+        step = self.step
+        if self.step * self.loaded.rate > STABLE:
+            step = float(_rounded(STABLE / self.loaded.rate, math.floor))
+        smallest = self.smallest_step * step / self.step
+        if smallest * self.friction_rate <= SMOOTH:
+            return step, self.width
+        shares = [max(smallest * rate / SMOOTH, 1.0) for rate in self.friction]
+        widths = zip(self.width, shares, strict=True)
+        return step, tuple(self._widened(width, share) for width, share in widths)
+
+    @staticmethod
+    def _widened(width: float, share: float) -> float:
+        """A width, rad/s, ``share`` times as large and rounded up; as it is where share is 1."""
+        if share > 1:
+            return float(_rounded(width * share, math.ceil))
+        return width
+
+    def lines(self) -> list[str]:
+        """Describe the friction and the modes that the step carries, and how well it does.
+
+        Returns:
+            The lines.
+
+        """
+        said = []
+        for j, (width, rate) in enumerate(zip(self.width, self.friction, strict=True), 1):
+            carried = f"{self.smallest_step * rate:.3g} of a step of {self.smallest_step:.3g} s, possible is {SMOOTH:g}"
+            said.append(f"friction at joint {j} smoothed over {width:.4g} rad/s: {carried} (RK4 is stable to {STABLE})")
+        modes = {"without load": self.unloaded, self._load: self.loaded}
+        for when, mode in modes.items():
+            size = self.step * mode.rate
+            known = f"{mode.rate:.4g} 1/s ({mode.rate / (2 * math.pi):.3g} Hz) at joint {mode.joint}"
+            remark = ""
+            if ACCURATE < size <= STABLE:
+                remark = f"; beyond {ACCURATE} RK4's error shows: mind the accuracy"
+            said.append(f"fastest mode {when}: {known}, {size:.3g} rad a step, possible is {STABLE}{remark}")
+        if self.unstable_from and self.step * self.loaded.rate <= STABLE:
+            where = ", ".join(f"{torque:.3g} at joint {j}" for j, torque in self.unstable_from)
+            said.append(f"unstable from joint torques of {where} on, where the springs are too stiff for the step")
+        return said
+
+    @property
+    def _load(self) -> str:
+        if self.loaded == self.unloaded:
+            return "without load"
+        return "at the torque limits"
+
+
+def examine(graphs: Graphs) -> Examination:
+    """Examine whether the step of the robot file carries the model.
+
+    Args:
+        graphs: The model's graphs.
+
+    Returns:
+        The rates that the step has to carry.
+
+    Raises:
+        ValueError: The parameters give no numbers.
+
+    """
+    model, linear = graphs.model, _Linear(graphs)
+    joints, step = model.robot.joints, model.robot.step
+    limit, law = np.zeros(model.n), np.zeros(model.n)
+    for j in model.flexible:
+        limit[j - 1] = joints[j - 1].limits.torque or 0.0
+        law[j - 1] = joints[j - 1].drive.law_torque.nominal  # type: ignore[union-attr]
+    unloaded, _ = linear.fastest(np.zeros(model.n))
+    loaded, _ = linear.fastest(limit)
+    friction, rate = _friction(linear)
+    smallest = step
+    if model.stiff:
+        smallest = step / MOST_PARTS
+    return Examination(
+        step,
+        smallest,
+        tuple(joint.drive.friction_smoothing.nominal for joint in joints),
+        friction,
+        rate,
+        unloaded,
+        loaded,
+        _unstable_from(linear, law),
+    )
+
+
+class _Linear:
+    """A at rest on a grid of configurations, for given joint torques; p nominal."""
+
+    def __init__(self, graphs: Graphs) -> None:
+        self.model = model = graphs.model
+        functions = {f.name: f.graph for f in graphs.functions}
+        nominal = np.array([q.nominal for q in model.quantities])
+        smoothing = np.array([q.name.startswith("friction_smoothing_") for q in model.quantities])
+        self.torsion, self.jacobian = functions["torsion"], functions["rhs_jacobian"]
+        self.smooth = functions["prepare"](nominal)
+        self.frictionless = functions["prepare"](np.where(smoothing, nominal * WIDE, nominal))
+        stiff = {f"{state.name}_{j}" for _, state, j in model.memory if state.stiff}  # these have the L-stable step
+        self.names = [slot.name for slot in model.x_slots]
+        self.kept = [k for k, name in enumerate(self.names) if name not in stiff]
+        self.ratio = np.array([joint.drive.ratio.nominal for joint in model.robot.joints])
+        self.q = _grid(model)
+
+    def at(self, torque: np.ndarray, c: Any, q: np.ndarray) -> np.ndarray:
+        """A (points × m × m) at configurations ``q`` (points × n) with joint torques (n), no stiff memories in it."""
+        torsion = np.array(self.torsion(torque, c)).ravel()
+        x = np.zeros((len(self.names), len(q)))
+        for j in self.model.joints:
+            x[self.names.index(f"joint_position_{j}")] = q[:, j - 1]
+            if j in self.model.flexible:
+                x[self.names.index(f"motor_position_{j}")] = self.ratio[j - 1] * (q[:, j - 1] + torsion[j - 1])
+        u = ca.DM.zeros(len(self.model.u_slots), len(q))
+        by_x = np.array(self.jacobian.map(len(q))(x, u, ca.repmat(c, 1, len(q)))[0])
+        if not np.isfinite(by_x).all():
+            raise ValueError(
+                "found parameters with which the equations of motion give no numbers; look for one far off"
+            )
+        whole = by_x.reshape((len(self.names), len(self.names), len(q)), order="F").transpose(2, 0, 1)
+        return whole[:, self.kept][:, :, self.kept]
+
+    def fastest(self, torque: np.ndarray, q: np.ndarray | None = None) -> tuple[Mode, np.ndarray]:
+        """The fastest mode without smooth friction, and the configuration (1 × n) where it is."""
+        if q is None:
+            q = self.q
+        values, vectors = np.linalg.eig(self.at(torque, self.frictionless, q))
+        point, which = np.unravel_index(np.argmax(np.abs(values)), values.shape)
+        part = dict(zip((self.names[k] for k in self.kept), np.abs(vectors[point, :, which]), strict=True))
+        moved = [  # motor speeds, in which joints of both kinds compare
+            max(part[f"joint_velocity_{j}"] * self.ratio[j - 1], part.get(f"motor_velocity_{j}", 0.0))
+            for j in self.model.joints
+        ]
+        return Mode(float(np.abs(values[point, which])), int(np.argmax(moved)) + 1), q[point : point + 1]
+
+
+def _unstable_from(linear: _Linear, law: np.ndarray) -> tuple[tuple[int, float], ...]:
+    """Joint torques from which the step is unstable, all loaded to the same share of ``law``, N m or N (n)."""
+    step = linear.model.robot.step
+    at_law, where = linear.fastest(law)
+    if step * at_law.rate <= STABLE:
+        return ()
+    inside, outside = 0.0, 1.0
+    for _ in range(20):
+        share = 0.5 * (inside + outside)
+        if step * linear.fastest(share * law, where)[0].rate > STABLE:
+            outside = share
+        else:
+            inside = share
+    return tuple((j, float(inside * law[j - 1])) for j in linear.model.flexible)
+
+
+def _friction(linear: _Linear) -> tuple[tuple[float, ...], float]:
+    """For each joint a bound of the rate that its smooth friction has a part in, and the fastest rate, 1/s.
+
+    The bound is the joint's column of |F| in motor speeds, summed. No eigenvalue lies beyond the largest sum and a
+    column goes as 1/width, so widths that bring every sum to 1/h carry it. A flexible drive's column has the one
+    entry level/(J_m width); rigid drives feel each other through the links.
+    """
+    model = linear.model
+    rest = np.zeros(model.n)
+    difference = linear.at(rest, linear.smooth, linear.q) - linear.at(rest, linear.frictionless, linear.q)
+    names = [linear.names[k] for k in linear.kept]
+    slide = [names.index(name) for name in slide_velocities(model)]
+    F = difference[:, slide][:, :, slide]
+    scale = np.where([j in model.rigid for j in model.joints], linear.ratio, 1.0)
+    sums = np.abs(F * scale[:, None] / scale).sum(axis=1).max(axis=0)
+    return tuple(float(value) for value in sums), float(np.abs(np.linalg.eigvals(F)).max())
+
+
+def _grid(model: Model) -> np.ndarray:
+    """Configurations (points × n): full turns of every revolute joint but the first, on which A hardly depends, with
+    straight and folded arm; the stated range of every prismatic joint, ±1 m where none is stated."""
+    count = 2 * max(2, int(POINTS ** (1 / max(model.n - 1, 1)) / 2))
+    axes: list[np.ndarray] = []
+    for joint in model.robot.joints:
+        if joint.kind == "prismatic":
+            axes.append(np.linspace(*(joint.limits.position or (-1.0, 1.0)), 5))
+        elif axes:
+            axes.append(np.arange(count) * (2 * np.pi / count))
+        else:
+            axes.append(np.zeros(1))
+    return np.array(list(itertools.product(*axes)))
+
+
+def _rounded(value: float, toward: Any) -> str:
+    """Three digits, rounded up (math.ceil) or down (math.floor)."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{toward(value / unit) * unit:.3g}"

@@ -1,0 +1,1 @@
+"""C text of the model's functions: statements, vector lanes, closed loops and headers."""

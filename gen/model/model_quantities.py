@@ -1,0 +1,229 @@
+"""The named entries of a model's vectors: parameters p, states x and inputs u, each with unit and bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gen.effects.effect import Effect, Parameter, State
+from gen.model.harmonic_drive import SPREAD
+from gen.robot import typical_loads
+from gen.robot.description import Robot, Value
+from gen.robot.gear_catalogue import SPRING_KEYS
+from gen.robot.model_parameters import ParameterValue, parameters
+from gen.robot.schema import keys
+
+TIP_FORCE = 100.0  # N, along each axis, up to which the model is meant to be used
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A named entry of p with its bounds; ``joint`` 0 is the whole arm."""
+
+    name: str
+    joint: int
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    tolerance: float
+    meaning: str
+    effect: str | None = None  # whose amplitude or shape it is
+    role: str = "base"  # "base" a key of the robot file, "amplitude" or "shape" of an effect
+    typical: float | None = None  # size of a difference from nominal that is usually met, in `unit`
+    everywhere: float | None = None  # that of which every machine has a little, where that is another
+    starts: tuple[float, ...] = ()  # of a shape: values from which a search starts
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A named entry of x or u; ``bound`` is the size up to which the model is meant to be used."""
+
+    name: str
+    unit: str
+    bound: float
+
+
+# -- states and inputs ------------------------------------------------------------------------------------------------
+
+
+def list_states(robot: Robot, effect_states: Sequence[tuple[State, int]]) -> tuple[Slot, ...]:
+    """List the entries of x: motor and joint positions, then velocities, then the states of the effects.
+
+    Args:
+        robot: The robot description.
+        effect_states: Each state of an effect with the number of its joint, in the order of x.
+
+    Returns:
+        The entries in the order of x; a rigid drive has no motor position of its own.
+
+    """
+    slots = []
+    for quantity, unit, size in (
+        ("position", "rad", typical_loads.POSITION),
+        ("velocity", "rad/s", typical_loads.VELOCITY),
+    ):
+        for j, joint in enumerate(robot.joints, 1):
+            if not joint.drive.rigid:
+                slots.append(Slot(f"motor_{quantity}_{j}", unit, size * abs(joint.drive.ratio.nominal)))
+        for j, joint in enumerate(robot.joints, 1):
+            own_unit = unit
+            if joint.kind == "prismatic":
+                own_unit = unit.replace("rad", "m")
+            slots.append(Slot(f"joint_{quantity}_{j}", own_unit, size))
+    slots += [Slot(f"{state.name}_{j}", state.unit, state.bound) for state, j in effect_states]
+    return tuple(slots)
+
+
+def list_inputs(robot: Robot) -> tuple[Slot, ...]:
+    """List the entries of u: the current (or torque) of each motor, then the force on the tip.
+
+    Args:
+        robot: The robot description.
+
+    Returns:
+        The entries in the order of u.
+
+    """
+    slots = []
+    for j, joint in enumerate(robot.joints, 1):
+        name, unit = "motor_current", "A"
+        if joint.drive.torque_constant is None:
+            name, unit = "motor_torque", "N m"
+        slots.append(Slot(f"{name}_{j}", unit, typical_loads.largest_input(robot, j)))
+    return (*slots, Slot("tip_force_x", "N", TIP_FORCE), Slot("tip_force_y", "N", TIP_FORCE))
+
+
+# -- parameters -------------------------------------------------------------------------------------------------------
+
+
+def list_quantities(
+    robot: Robot, effects: Sequence[tuple[Effect, tuple[int, ...]]], inputs: Sequence[Slot]
+) -> tuple[Quantity, ...]:
+    """List the entries of p: those of the robot file, then those of the effects.
+
+    Args:
+        robot: The robot description.
+        effects: Each effect with the joints at which it stands.
+        inputs: The entries of u (`list_inputs`).
+
+    Returns:
+        The entries in the order of p.
+
+    """
+    amplitude_of = {key: effect for effect, _ in effects for key in effect.sizes}
+    found = [_base_quantity(robot, value, amplitude_of) for value in parameters(robot)]
+    stated = {(effect.name, effect.joint): effect.parameters for effect in robot.effects}
+    for effect, joints in effects:
+        for j in joints:
+            values = stated.get((effect.name, j), {})
+            for parameter in effect.parameters:
+                if not _is_left_out(robot, parameter, j):
+                    found.append(_effect_quantity(robot, inputs, effect, parameter, j, values.get(parameter.name)))
+    return tuple(found)
+
+
+def memory_step(step: float) -> Quantity:
+    """Describe the step for which slowed states of effects are prepared.
+
+    Whoever integrates with another step sets this parameter to it.
+
+    Args:
+        step: The integration step of the robot file, s.
+
+    Returns:
+        The entry of p.
+
+    """
+    key = keys("")["step"]
+    meaning = "integration step, faster than which no memory of an effect builds up"
+    return Quantity("memory_step", 0, "s", step, key.range.low, key.range.high, 0.0, meaning)
+
+
+def _base_quantity(robot: Robot, value: ParameterValue, amplitude_of: dict[str, Effect]) -> Quantity:
+    """The entry of p for a parameter of the robot file, which may also be the amplitude of an effect."""
+    low, high = value.low, value.high
+    key = value.name.rpartition("_")[0]
+    if key in SPRING_KEYS:  # where the springs' inverse keeps its error, and a robot file may state them
+        low = max(min(low, value.nominal), value.nominal / SPREAD)
+        high = min(max(high, value.nominal), value.nominal * SPREAD)
+    name, typical = None, None
+    if key in amplitude_of:
+        effect = amplitude_of[key]
+        name, typical = effect.name, effect.sizes[key] * typical_loads.usual(robot, value.joint, key)
+    return Quantity(
+        value.name,
+        value.joint,
+        value.unit,
+        value.nominal,
+        low,
+        high,
+        value.tolerance,
+        value.meaning,
+        name,
+        "base",
+        typical,
+    )
+
+
+def _is_left_out(robot: Robot, parameter: Parameter, j: int) -> bool:
+    """Whether the drive of joint j has the key that makes the parameter needless."""
+    if not parameter.unless:
+        return False
+    return getattr(robot.joints[j - 1].drive, parameter.unless) is not None
+
+
+def _effect_quantity(
+    robot: Robot, inputs: Sequence[Slot], effect: Effect, parameter: Parameter, j: int, stated: Value | None
+) -> Quantity:
+    """The entry of p for an effect's parameter at joint j, with the value that the robot file states, if any."""
+    factor = _scale_factor(robot, parameter.scale, j)
+    if stated is not None:
+        nominal, tolerance = stated.nominal, stated.tolerance
+    elif parameter.starts:
+        nominal, tolerance = parameter.nominal * factor, 0.0
+    else:
+        nominal, tolerance = parameter.nominal, 0.0
+    name, unit = parameter.name, parameter.unit
+    if j:
+        name = f"{parameter.name}_{j}"
+        if robot.joints[j - 1].kind == "prismatic":
+            unit = parameter.sliding or unit
+        if inputs[j - 1].unit != "A":
+            unit = unit.replace("1/A", "1/(N m)")
+    role = "shape"
+    if parameter.name in effect.amplitudes:
+        role = "amplitude"
+    return Quantity(
+        name,
+        j,
+        unit,
+        nominal,
+        parameter.low,
+        parameter.high,
+        tolerance,
+        parameter.meaning,
+        effect.name,
+        role,
+        _scaled(parameter.typical, factor),
+        _scaled(parameter.everywhere, factor),
+        tuple(start * factor for start in parameter.starts),
+    )
+
+
+def _scaled(size: float | None, factor: float) -> float | None:
+    if size is None:
+        return None
+    return size * factor
+
+
+def _scale_factor(robot: Robot, scale: str | None, j: int) -> float:
+    """The number that a parameter's scale gives at joint j."""
+    numerator, _, denominator = (scale or "1").partition("/")
+    return _usual_size(robot, numerator, j) / _usual_size(robot, denominator, j)
+
+
+def _usual_size(robot: Robot, key: str, j: int) -> float:
+    if key in ("1", ""):
+        return 1.0
+    return typical_loads.usual(robot, j, key)

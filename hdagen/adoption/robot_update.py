@@ -1,0 +1,232 @@
+"""Adopt: the verdict of a diagnosis put into the robot file, whose comments and layout stay as they are.
+
+The file gets the parameters that `replay --with` uses, by the same rule (`hdagen.adoption.verdict`): base parameters
+move by at most three tolerances, and not where the log said nothing of them; the effects of the verdict become
+[[effect]] tables. Where the corrected model asks for a smaller step or a wider smoothing of friction, these are
+written, too. The new file is built before it is put in its place, and a model with other parameters than those is
+refused.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hdagen.adoption import verdict
+from hdagen.adoption.diagnosis_file import read_content
+from hdagen.adoption.robot_file import SPRINGS, Place, RobotFile
+from hdagen.arm.build_loader import PlantError, mended
+from hdagen.arm.compiled_arm import Arm, load
+from hdagen.support.atomic_write import write_whole
+from hdagen.support.input_file import InputFileError, read_bytes
+
+_LARGEST = 1_000_000  # bytes of a robot file
+_ROUNDING = 1e-9  # a lumped inertia goes through a sum and a difference
+
+
+@dataclass(frozen=True)
+class Change:
+    """A number of the robot file: ``where`` it stands (``joint[2].drive.coulomb_friction``), in ``unit``; ``before`` is
+    None where the file did not hold it."""
+
+    where: str
+    before: float | None
+    after: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Adopted:
+    """A robot file with a verdict in it: its ``text``, the changed numbers, notes for the reader, and the lines that
+    differ from the file as it was, as `diff -u` has them."""
+
+    text: str
+    changes: tuple[Change, ...]
+    notes: tuple[str, ...]
+    difference: tuple[str, ...]
+
+
+def adopt(
+    diagnosis: str | Path, robot: str | Path, out: str | Path | None, force: bool = False, profile: str = "portable"
+) -> Adopted:
+    """Write a robot file with the verdict of a diagnosis in it.
+
+    Args:
+        diagnosis: A diagnosis.json.
+        robot: The robot.toml that was diagnosed.
+        out: Where the new file goes; None: nothing is written.
+        force: Whether a file that is there may be replaced.
+        profile: Profile of the builds that are made, "portable" or "native".
+
+    Returns:
+        The new text, and its changes.
+
+    Raises:
+        PlantError: The diagnosis is of another robot (`hdagen.adoption.robot_identity`), of an unknown schema or has a
+            number that is not finite; no model can be built from the corrected file; or ``out`` cannot be written.
+
+    """
+    robot = label = Path(robot)
+    raw = _read(robot)
+    if out is not None:
+        label = Path(out)
+        _writable(label, force)
+    stated = verdict.read(diagnosis)
+    content = read_content(Path(diagnosis))
+    arm = verdict.with_effects(robot, profile, stated)
+    wanted, notes = verdict.applied(arm, stated)
+    file = RobotFile(raw, arm)
+    changes = _changes(file, arm, wanted, stated, _spreads(content))
+    with tempfile.TemporaryDirectory() as folder:
+        candidate = Path(folder) / "robot.toml"
+        candidate.write_bytes(file.text())
+        try:
+            found, further = _built(candidate, file, arm, profile)
+        except PlantError as error:
+            why = str(error).replace(str(candidate), str(label))
+            raise PlantError(
+                f"{label}: no model can be built from the corrected file, and nothing was written: {why}"
+            ) from None
+    _agrees(found, label, wanted)
+    if out is not None:
+        _write(label, file.text())
+    notes = [note.replace("nothing is added for it", "nothing is adopted for it") for note in notes]
+    notes += [
+        f"{change.where}: {change.before:.6g} {change.unit} does not carry the corrected model, {change.after:.6g} "
+        "does; this is of the integration, and the robot is the same."
+        for change in further
+    ]
+    if not changes:
+        notes.append("The diagnosis changes nothing: what is written is the robot file as it was.")
+    text = file.text().decode("utf-8-sig")
+    before = raw.decode("utf-8-sig").splitlines()
+    difference = difflib.unified_diff(before, text.splitlines(), str(robot), str(out or "corrected"), lineterm="")
+    return Adopted(text, (*changes, *further), tuple(notes), tuple(difference))
+
+
+def _built(candidate: Path, file: RobotFile, arm: Arm, profile: str) -> tuple[Arm, list[Change]]:
+    """The model of ``candidate``, which holds ``file``; and the changes to the step and the smoothing of friction that
+    both need where those of ``arm`` do not carry the model. Raises PlantError."""
+    try:
+        return load(candidate, profile), []
+    except PlantError:
+        step, widths = mended(candidate)  # raises where it is something else
+    changes = []
+    smoothing = [joint["drive"]["friction_smoothing"]["nominal"] for joint in arm.robot["joints"]]
+    for place, before, after, unit in (
+        (Place("top", 0, "step"), arm.step_size, step, "s"),
+        *(
+            (Place("drive", j, "friction_smoothing"), before, after, "rad/s")
+            for j, (before, after) in enumerate(zip(smoothing, widths, strict=True), 1)
+        ),
+    ):
+        if after != before:
+            file.put(place, after, unit)
+            changes.append(Change(str(place), before, after, unit))
+    candidate.write_bytes(file.text())
+    return load(candidate, profile), changes
+
+
+def _write(out: Path, text: bytes) -> None:
+    """The new file, whole or not at all. Raises PlantError."""
+    try:
+        write_whole(out, text)
+    except OSError as error:
+        raise PlantError(
+            f"{out}: cannot be written ({error.strerror}), and what stood there is unchanged; make room or name "
+            "another place."
+        ) from None
+
+
+def _read(robot: Path) -> bytes:
+    """The robot file. Raises PlantError."""
+    try:
+        return read_bytes(robot, _LARGEST, "name a robot.toml; of a preset, a copy of its file")
+    except InputFileError as error:
+        raise PlantError(error) from None
+
+
+def _writable(out: Path, force: bool) -> None:
+    """Refuse a place that is no file in a folder, or is taken."""
+    if out.suffix != ".toml":
+        raise PlantError(f"--out {out}: found a name ending in {out.suffix!r}, possible is .toml; name such a file.")
+    if not out.absolute().parent.is_dir():
+        raise PlantError(f"--out {out}: there is no folder {out.absolute().parent}; make it or name another.")
+    if out.is_dir():
+        raise PlantError(f"--out {out}: is a folder; name a file in it.")
+    if out.exists() and not force:
+        raise PlantError(f"--out {out}: is there already and would be lost; name another file, or add --force.")
+
+
+def _spreads(content: Mapping[str, Any]) -> dict[tuple[str, int], Mapping[str, Any]]:
+    """Parameters of each cause as the diagnosis holds them, with their standard deviations."""
+    causes = content.get("causes", [])
+    return {(c["effect"], c["joint"]): c.get("parameters") or {} for c in causes}  # verdict.read has checked them
+
+
+def _changes(
+    file: RobotFile,
+    arm: Arm,
+    wanted: Arm,
+    stated: verdict.Verdict,
+    spreads: Mapping[tuple[str, int], Mapping[str, Any]],
+) -> list[Change]:
+    """Put every number that differs into ``file``, the base first, and say where each went."""
+    changes = []
+    own = {name: effect for effect in stated.effects for name in effect.parameters}
+    for name, described in arm.parameters.described.items():
+        after, owner, entry = wanted.parameters[name], None, None
+        if effect := own.get(name):
+            owner, entry = effect.name, spreads[effect.name, effect.joint].get(name.removesuffix(f"_{effect.joint}"))
+        elif after == described.nominal:
+            continue
+        place, before = file.place(name, owner), None
+        if file.holds(place):
+            before = described.nominal
+        if after == before:
+            continue
+        file.put(place, after, described.unit, _share(entry, after))
+        changes.append(Change(str(place), before, after, described.unit))
+    file.settle(wanted)
+    return changes
+
+
+def _share(entry: Any, value: float) -> float:
+    """Standard deviation as a share of the value, 0 where the diagnosis gives none."""
+    if not isinstance(entry, Mapping):
+        return 0.0
+    std = entry.get("std")
+    if isinstance(std, bool) or not isinstance(std, int | float) or not math.isfinite(std) or std < 0 or not value:
+        return 0.0
+    return float(std / abs(value))
+
+
+def _agrees(found: Arm, out: Path, wanted: Arm) -> None:
+    """Compare the parameters of the new file with the wanted ones. Raises PlantError."""
+    own = {name: value for name, value in wanted.parameters.items() if not _derived(name, found)}
+    differ = [
+        f"{name} is {found.parameters[name]:.9g} and should be {value:.9g}"
+        for name, value in own.items()
+        if name in found.parameters
+        and not math.isclose(found.parameters[name], value, rel_tol=_ROUNDING, abs_tol=1e-15)
+    ]
+    missing = [name for name, value in own.items() if name not in found.parameters and value != 0]
+    if differ or missing:
+        said = "; ".join([*differ, *(f"{name} is not in its model" for name in missing)])
+        raise PlantError(
+            f"{out}: the corrected file would not say what the diagnosis does ({said}), and nothing was written; write "
+            "the robot file's tables plainly and adopt again."
+        )
+
+
+def _derived(name: str, found: Arm) -> bool:
+    """Whether a parameter follows from others: the smoothing of friction and the step of effects with a state, which
+    belong to the integration, and the springs of a drive that the file calls rigid, which its compliance replaces."""
+    key, _, joint = name.rpartition("_")
+    given = joint.isdigit() and found.robot["joints"][int(joint) - 1]["drive"]["compliant"]
+    return name == "memory_step" or key == "friction_smoothing" or (given and key in SPRINGS)

@@ -1,0 +1,284 @@
+"""Finding, making, checking and loading builds, so that no foreign or damaged library enters the process."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Protocol
+
+from hdagen.support.child_processes import start_together
+from hdagen.support.messages import printable
+from hdagen.support.ownership import find_other_writer
+
+SCHEMA = 1
+PROFILES = ("portable", "native")
+LONGEST = 4096  # bytes of a path
+PATIENCE = 5.0  # s that an interrupted build has to remove its files
+MOST_LINES = 200  # lines of an error
+
+
+class PlantError(Exception):
+    """A build that cannot be made, loaded or called; one printable line a problem, of very many the first."""
+
+    def __init__(self, text: object) -> None:
+        lines = str(text).split("\n")
+        listed = [printable(line.expandtabs()) for line in lines[:MOST_LINES]]
+        if len(lines) > MOST_LINES:
+            listed.append(f"{len(lines) - MOST_LINES} more are not listed: mend these first.")
+        super().__init__("\n".join(listed))
+
+
+class Structured(Protocol):
+    """A predictive controller's configuration, as far as its compilation depends on it."""
+
+    @property
+    def structure(self) -> str:
+        """The structure, as `python -m gen build --mpc` takes it."""
+
+    def refusals(self, robot: Mapping[str, Any]) -> list[str]:
+        """Find the reasons why the configuration cannot be used with a robot.
+
+        Args:
+            robot: The robot, as a build's manifest describes it.
+
+        Returns:
+            One sentence for each problem.
+
+        """
+
+
+def folder_of(
+    robot: str | Path, profile: str, effects: tuple[str, ...], out: str | Path | None, mpc: Structured | None = None
+) -> Path:
+    """Find the folder of a robot's build; a child process builds it where it does not exist yet.
+
+    Args:
+        robot: A preset or the path of a robot.toml.
+        profile: "portable" or "native".
+        effects: Effects that are added to the model.
+        out: The folder where builds lie; None: as `find_builds` finds it.
+        mpc: The predictive controller to be compiled, checked against the robot first.
+
+    Returns:
+        The folder of the build.
+
+    Raises:
+        PlantError: An argument will not do, or the build fails.
+
+    """
+    name = os.fspath(robot)
+    if not name or "\0" in name or len(name) > LONGEST:
+        raise PlantError(f"{name[:40]!r} names no robot; give a preset, a robot.toml, or the folder of a build.")
+    if (Path(name) / "manifest.json").is_file():
+        raise PlantError(
+            f"{name}: found the folder of a build, possible are a preset or a robot.toml; a build's compiled code is "
+            "run only where that is asked for: hdagen.Arm(folder) in Python, --built in `hdagen simulate` and "
+            "`hdagen replay`."
+        )
+    if profile not in PROFILES:
+        raise PlantError(f"no profile named {profile}; there are {', '.join(PROFILES)}.")
+    if isinstance(effects, str):
+        raise PlantError(f"effects takes names in a tuple, such as ({effects!r},).")
+    folder = find_builds(out)
+    _refuse_others(folder)
+    if mpc and (problems := mpc.refusals(json.loads("\n".join(_gen("describe", "--", name))))):
+        raise PlantError("\n".join(problems))
+    structure = ""
+    if mpc:
+        structure = mpc.structure
+    wanted = [f"--effects={','.join(effects)}", f"--mpc={structure}"]
+    return Path(_gen("build", "--profile", profile, f"--out={folder}", *wanted, "--", name)[-1])
+
+
+def find_builds(out: str | Path | None = None) -> Path:
+    """Find the folder where builds lie.
+
+    Args:
+        out: The folder that the caller names, if any.
+
+    Returns:
+        ``out``, else $HDAGEN_BUILD, else ./build where it exists, else ``hdagen`` in the user's cache
+        ($XDG_CACHE_HOME or ~/.cache), which is made with mode 0700.
+
+    Raises:
+        PlantError: The cache cannot be found or made.
+
+    """
+    if named := out or os.environ.get("HDAGEN_BUILD"):
+        return Path(named)
+    if os.path.lexists("build"):
+        return Path("build")
+    try:
+        caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        if not caches.is_absolute():
+            caches = Path.home() / ".cache"
+        folder = caches / "hdagen"
+        _make_private(folder)
+    except (OSError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise PlantError(
+            f"~/.cache/hdagen: the folder for builds cannot be made ({why}); name a folder in $HDAGEN_BUILD."
+        ) from None
+    return folder
+
+
+def _make_private(folder: Path) -> None:
+    """Make a folder, and those above it that are missing, for this user alone."""
+    if not folder.is_dir():
+        _make_private(folder.parent)
+        folder.mkdir(mode=0o700, exist_ok=True)
+
+
+def _refuse_others(path: Path) -> None:
+    """Raises PlantError where another user could have written ``path``."""
+    try:
+        why = find_other_writer(path)
+    except (OSError, RuntimeError) as error:
+        why = f"it cannot be looked at ({getattr(error, 'strerror', None) or error})"
+    if why:
+        raise PlantError(
+            f"{path}: compiled code is not run from there, for {why}; possible is what only you and root may write, "
+            "all the way up: take the right from others (chmod go-w), or name a folder of your own in $HDAGEN_BUILD."
+        )
+
+
+def mended(robot: Path) -> tuple[float, tuple[float, ...]]:
+    """Find a step and widths of smooth friction with which a robot.toml can be built.
+
+    Args:
+        robot: The robot.toml.
+
+    Returns:
+        The step, s, and the width of each joint's smooth friction, rad/s: the file's own where those will do.
+
+    Raises:
+        PlantError: Anything else is wrong with the file.
+
+    """
+    said = json.loads("\n".join(_gen("mend", "--", os.fspath(robot))))
+    return said["step"], tuple(said["friction_smoothing"])
+
+
+def _gen(*arguments: str) -> list[str]:
+    """Run `python -m gen` in a child process and return the lines that it prints.
+
+    Its messages on a build are passed on to standard error. Raises PlantError.
+    """
+    command = [sys.executable, "-P", "-m", "gen", *arguments]
+    beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))))
+    # its output goes to a file: of two pipes of which only one is read, each can wait for the other
+    with (
+        tempfile.TemporaryFile("w+") as printed,
+        start_together(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=printed,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            env={**os.environ, "PYTHONPATH": beside},
+        ) as child,
+    ):
+        said = []
+        try:
+            for line in child.stderr or ():
+                said.append(line.rstrip())
+                if line.startswith("building"):
+                    print(line.rstrip(), file=sys.stderr, flush=True)
+            child.wait()
+        except KeyboardInterrupt:
+            child.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(PATIENCE)
+            raise
+        printed.seek(0)
+        lines = printed.read().splitlines()
+    if child.returncode or not lines:
+        raise PlantError("\n".join(said) or f"the build of {arguments[-1]} failed without a word.")
+    return lines
+
+
+def remedy(folder: Path) -> str:
+    """Say how to replace a build that cannot be used.
+
+    Args:
+        folder: The folder of the build.
+
+    Returns:
+        The end of a sentence.
+
+    """
+    return f"remove {folder} and build again with `python -m gen build`."
+
+
+def opened(folder: Path) -> tuple[dict[str, Any], Any]:
+    """Check and load a build.
+
+    Args:
+        folder: The folder of the build.
+
+    Returns:
+        The manifest and the compiled module.
+
+    Raises:
+        PlantError: The build is damaged, of another user, of another version or for another processor.
+
+    """
+    again = remedy(folder)
+    _refuse_others(folder / "manifest.json")
+    own = folder.resolve()  # the checked folder, even if a symbolic link changes afterwards
+    try:
+        manifest = json.loads((own / "manifest.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise PlantError(f"{folder}: manifest.json cannot be read ({error}); {again}") from None
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        raise PlantError(f"{folder}: the manifest's schema is not {SCHEMA}; {again}")
+    rest = {key: value for key, value in manifest.items() if key != "seal"}
+    if manifest.get("seal") != hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest():
+        raise PlantError(f"{folder}: the manifest is not as it was written; {again}")
+    build = own.name.rpartition("-")[2]
+    files = manifest.get("files")
+    name = manifest.get("library")
+    if manifest.get("build") != build or name != f"hda_{build}.so" or not isinstance(files, dict) or name not in files:
+        raise PlantError(f"{folder}: the manifest does not belong to this folder; {again}")
+    for file, digest in files.items():
+        path = own / file
+        if Path(file).name != file or not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            raise PlantError(f"{folder}: {file} is missing or not what was built; {again}")
+    _refuse_others(own / name)
+    missing = [flag for flag in manifest.get("cpu", ()) if flag not in _cpu_flags()]
+    if missing:
+        raise PlantError(
+            f"{folder}: the library was built for a processor with {', '.join(missing)}, which this one lacks; {again}"
+        )
+    if sysconfig.get_config_var("Py_GIL_DISABLED"):
+        raise PlantError("free-threaded Python has another binary interface than builds; start the ordinary one.")
+    spec = importlib.util.spec_from_file_location("hda", own / name)
+    assert spec is not None and spec.loader is not None
+    try:
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except ImportError as error:
+        raise PlantError(f"{folder}: the library cannot be loaded ({error}); {again}") from None
+    if module.build != build:
+        raise PlantError(f"{folder}: the library is of another build than its manifest; {again}")
+    return manifest, module
+
+
+def _cpu_flags() -> set[str]:
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return set()
+    lines = (line for line in text.splitlines() if line.startswith(("flags", "Features")))
+    return set(next(lines, ":").split(":", 1)[1].split())

@@ -1,0 +1,106 @@
+"""Readings of sensors along a whole path, with delayed encoders: a late reading shows where the joint was earlier.
+
+At a single instant the model can only expand a late reading as a series in the delay, which fails for a joint that
+rings fast. Along a path the earlier angles are known: between rows they are Hermite's cubic of angle and speed.
+
+Legend: d age of a joint encoder's reading, s; q, q̇ joint angle and speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
+
+Rows = NDArray[np.intp]
+APART = 3.0  # usual steps between rows, from where rows are not neighbours
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """The instants of sampled paths.
+
+    Attributes:
+        time: (T), s.
+        begins: First rows of paths that know nothing of the path before; None: one path.
+
+    """
+
+    time: Array
+    begins: Rows | None = None
+
+    @cached_property
+    def number(self) -> NDArray[np.int32]:
+        """The number of the path that each row is on, (T)."""
+        begin = np.zeros(len(self.time), np.int32)
+        if self.begins is not None:
+            begin[self.begins] = 1
+        return np.cumsum(begin, dtype=np.int32)
+
+    @cached_property
+    def far(self) -> float:
+        """The time between rows above which they are not neighbours, s."""
+        if len(self.time) < 2:
+            return 0.0
+        return APART * float(np.median(np.diff(self.time)))
+
+
+def read(arm: Arm, time: Array, x: Array, u: Array, begins: Rows | None = None) -> dict[str, Array]:
+    """Evaluate `Arm.outputs` along paths, with joint_position as late as the parameter sensor_delay says.
+
+    Args:
+        arm: The arm.
+        time: (T), s.
+        x: (T, nx), the states.
+        u: (T, nu), the inputs that act at each instant.
+        begins: First rows of paths that know nothing of the path before; None: one path.
+
+    Returns:
+        Every output by name, (T, k).
+
+    """
+    if not _ages(arm).any():
+        return arm.outputs(x, u)
+    prompt = arm.p.copy()
+    for k, name in enumerate(arm.parameters.described):
+        if name.startswith("sensor_delay_"):
+            prompt[k] = 0.0
+    seen = arm.at(prompt).outputs(x, u)
+    _delayed(arm, Path(time, begins), x, seen["joint_position"])
+    return seen
+
+
+def positions(arm: Arm, path: Path, x: Array) -> dict[str, Array]:
+    """Evaluate only the two positions that `read` gives.
+
+    Args:
+        arm: The arm.
+        path: The instants of the states.
+        x: (T, nx), the states.
+
+    Returns:
+        motor_position and joint_position, (T, n) each, rad (m where prismatic).
+
+    """
+    seen = {name: np.empty((len(x), arm.n)) for name in ("motor_position", "joint_position")}
+    arm.module.map("positions", len(x), np.ascontiguousarray(x), arm.c, *seen.values())
+    _delayed(arm, path, x, seen["joint_position"])
+    return seen
+
+
+def _ages(arm: Arm) -> Array:
+    """The delay of each joint's encoder (n), s."""
+    names = (f"sensor_delay_{j}" for j in range(1, arm.n + 1))
+    return np.array([arm.parameters.get(name, 0.0) for name in names])
+
+
+def _delayed(arm: Arm, path: Path, x: Array, angle: Array) -> None:
+    """Replace the angles (T, n) of the joints' encoders by the delayed ones, in place."""
+    ages = _ages(arm)
+    if ages.any():
+        arm.module.late(np.ascontiguousarray(x), path.time, path.number, path.far, ages, angle)

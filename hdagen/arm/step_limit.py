@@ -1,0 +1,155 @@
+"""The longest step at which RK4 is stable for a flexible arm.
+
+Springs and walls oscillate; a dashpot d between rotor and link decays at the rate d (1/M + 1/(N² J)). RK4 is stable up
+to a decay of 2.78 a step, and up to an oscillation of 2.83. The build refuses a robot file whose own step is too long.
+A diagnosis or a user may set more damping afterwards, or a spring in a drive that the file calls rigid; the model would
+then diverge. A stiff wall loads a joint beyond its motor's torque, where a spring is many times as stiff.
+
+Legend: d damping, N m s/rad; C compliance, rad/(N m); M, J inertia of link and rotor, kg m²; N ratio; p parameters
+(np).
+Source: Hairer, Wanner, Solving Ordinary Differential Equations II (1996), IV.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.interface import ArmInterface
+from hdagen.arm.ratings import full_torque
+
+STABLE = 2.5  # largest rate times step, of a decay or an oscillation; RK4 is stable up to 2.78
+BEYOND = 1.5  # decay up to which no bound applies, over that of the robot file, which the build checks
+POSES = 64  # random poses over which the mass matrix is looked at
+LOADED = 1.25  # largest oscillation times step at full torque: a wall loads a joint beyond it
+TINY = 1e-3  # N m, below which a spring is at rest
+DEEP = 0.05  # rad or m; a wall that takes half of the full torque within this depth is stiff
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """The bounds on the step of an arm.
+
+    Attributes:
+        places: Index in p of each spring's damping.
+        looseness: 1/M + 1/(N² J) of each spring, the largest over poses, 1/(kg m²).
+        usual: The fastest decay with the robot file's own damping, 1/s.
+        missing: For each spring that the file does not have: its number among the springs, and the indices in p of its
+            C and d.
+        walls: For each wall: the index in p of its stiffness, the stiffness from which it is a stiff wall, N m/rad,
+            and the looseness and the stiffness at full torque of its joint's spring.
+
+    """
+
+    places: tuple[int, ...]
+    looseness: Array
+    usual: float
+    missing: tuple[tuple[int, int, int], ...]
+    walls: tuple[tuple[int, float, float, float], ...]
+
+    @classmethod
+    def of(cls, arm: ArmInterface) -> Carried:
+        """Compute the bounds of an arm from its robot file.
+
+        Args:
+            arm: The arm; its present parameters do not count.
+
+        Returns:
+            The bounds; without any in a rigid arm.
+
+        """
+        flexible, described = arm.manifest["flexible"], arm.parameters.described
+        if not flexible:
+            return cls((), np.zeros(0), 0.0, (), ())
+        names, nominal = list(described), np.array([q.nominal for q in described.values()])
+        arm = arm.at(nominal)
+        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, arm.n))
+        inverse = np.linalg.inv(arm.evaluate("mass_matrix", q=q)["M"].reshape(-1, arm.n, arm.n))
+        full = full_torque(arm)
+        loaded = _stiffness(arm, full)
+        own = np.diagonal(inverse, axis1=1, axis2=2).max(0)[[j - 1 for j in flexible]]
+        rotors = [described[f"ratio_{j}"].nominal ** 2 * described[f"motor_inertia_{j}"].nominal for j in flexible]
+        places = tuple(names.index(f"torsional_damping_{j}") for j in flexible)
+        looseness = np.asarray(own + 1.0 / np.array(rotors))
+        missing = tuple(
+            (at, names.index(f"missing_compliance_{j}"), names.index(f"missing_damping_{j}"))
+            for at, j in enumerate(flexible)
+            if f"missing_compliance_{j}" in described
+        )
+        walls = []
+        for loose, stiffness, j in zip(looseness, loaded, flexible, strict=True):
+            for name in (f"contact_stiffness_above_{j}", f"contact_stiffness_below_{j}"):
+                if name in described:
+                    walls.append((names.index(name), 0.5 * full[j - 1] / DEEP, float(loose), float(stiffness)))
+        return cls(places, looseness, float(looseness @ nominal[list(places)]), missing, tuple(walls))
+
+    def longest(self, p: Array) -> float:
+        """Bound the step by the parameters.
+
+        The joints' decays are added, which bounds the fastest one; so are the squares of the oscillations that the
+        build has not checked.
+
+        Args:
+            p: (np), the parameters.
+
+        Returns:
+            The longest stable step, s; inf where the parameters are no faster than the robot file's own.
+
+        """
+        decay, step = float(self.looseness @ p[list(self.places)]), np.inf
+        if decay > BEYOND * self.usual:
+            step = STABLE / decay
+        for place, stiff, loose, stiffness in self.walls:
+            if p[place] >= stiff:
+                step = min(step, LOADED / float(np.sqrt(loose * (stiffness + p[place]))))
+        if not self.missing:
+            return step
+        which, compliance, damping = map(list, zip(*self.missing, strict=True))
+        own = self.looseness[which]
+        fastest = max(decay + float(own @ p[damping]), float(np.sqrt(np.sum(own / p[compliance]))))
+        return min(step, STABLE / fastest)
+
+    def loaded(self, arm: ArmInterface, load: Array) -> float:
+        """Bound the step by springs that stiffen under load.
+
+        The squares of the oscillations are added, which bounds the fastest one.
+
+        Args:
+            arm: The arm.
+            load: (n), the joints' torques, N m.
+
+        Returns:
+            The longest stable step, s; inf in an arm without springs.
+
+        """
+        fastest = float(np.sqrt(self.looseness @ _stiffness(arm, load)))
+        if fastest <= 0.0:
+            return np.inf
+        return STABLE / fastest
+
+    def springs(self, step: float) -> dict[int, tuple[float, float]]:
+        """Bound the springs that the robot file does not have, so that a step is stable.
+
+        Args:
+            step: The step, s.
+
+        Returns:
+            By index in p: the lower and upper bound of C, rad/(N m), and of d, N m s/rad.
+
+        """
+        bounds = {}
+        for which, compliance, damping in self.missing:
+            loose = float(self.looseness[which])
+            bounds[compliance] = loose * (step / STABLE) ** 2, np.inf
+            bounds[damping] = 0.0, STABLE / (loose * step)
+        return bounds
+
+
+def _stiffness(arm: ArmInterface, load: Array) -> Array:
+    """The stiffness of each spring at its joint's torque in ``load`` (n, N m), N m/rad."""
+    flexible = [j - 1 for j in arm.manifest["flexible"]]
+    torques = np.maximum(np.abs(load), TINY)
+    ends = [arm.evaluate("torsion", joint_torque=share * torques)["torsion"] for share in (0.99, 1.0)]
+    return np.asarray(0.01 * torques[flexible] / np.abs(ends[1] - ends[0])[flexible])

@@ -1,0 +1,130 @@
+"""Every measured figure of README and docs, printed from the JSON of the command that measured it.
+
+    python -m hdagen.bench.published_figures
+
+puts each table between its two markers, `<!-- NAME: begin -->` and `<!-- NAME: end -->`. SOURCES says which command
+makes which file; a bar that is missed stands there as missed.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hdagen.bench import measured_tables, real_machine_tables
+from hdagen.bench.measured_tables import Found
+from hdagen.blind import rates
+from hdagen.paper import document_tables
+from hdagen.support.atomic_write import write_whole
+
+SOURCES = {
+    "bench": ("docs/bench.json", "hdagen bench --json"),
+    "predictive": ("docs/bench_mpc.json", "hdagen bench --mpc --json"),
+    "sense": ("docs/sense.json", "hdagen mpc sense --json"),
+    "demo": ("docs/demo.json", "hdagen demo --json"),
+    "paper": ("docs/paper.json", "hdagen paper all"),
+    "blind": ("docs/blind.json", "hdagen blind"),
+    "real": ("docs/real.json", "docs/examples/real_machines.py"),
+    "identification": (
+        "docs/examples/emps/identification.json",
+        "hdagen replay emps DATA_EMPS.mat --columns columns.toml --json",
+    ),
+    "pulses": (
+        "docs/examples/emps/pulses.json",
+        "hdagen replay emps DATA_EMPS_PULSES.mat --columns columns_pulses.toml --json",
+    ),
+}
+
+
+def read(root: Path) -> dict[str, Any]:
+    """Read the sources of all tables.
+
+    Args:
+        root: The project's folder.
+
+    Returns:
+        Content of each source, by name.
+
+    Raises:
+        FileNotFoundError: A source is missing.
+
+    """
+    return {name: json.loads((root / path).read_text(encoding="utf-8")) for name, (path, _) in SOURCES.items()}
+
+
+def documents(root: Path) -> list[Path]:
+    """List the documents that may have markers.
+
+    Args:
+        root: The project's folder.
+
+    Returns:
+        Paths of the documents.
+
+    """
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+
+
+def updated(text: str, found: Found) -> str:
+    """Print every table of a document anew.
+
+    Args:
+        text: The document.
+        found: Content of each source, by name.
+
+    Returns:
+        The document with the tables between their markers as the sources have them.
+
+    Raises:
+        ValueError: A marker stands alone.
+
+    """
+    for name, table in TABLES.items():
+        begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->\n"
+        if begin not in text and end not in text:
+            continue
+        before, opened, rest = text.partition(begin)
+        _, closed, after = rest.partition(end)
+        if not opened or not closed:
+            raise ValueError(f"the markers {begin.strip()} and {end.strip()} stand in this order around a table.")
+        text = f"{before}{begin}{table(found)}{end}{after}"
+    return text
+
+
+TABLES: dict[str, Callable[[Found], str]] = {
+    "reached": measured_tables.reached,
+    "bench": measured_tables.bench,
+    "predictive": measured_tables.predictive,
+    "sense": measured_tables.sense,
+    "blind": lambda found: rates.table(found["blind"]),
+    **real_machine_tables.TABLES,
+    "results": lambda found: f"\n{document_tables.tables(found['paper'])}\n\n",
+}
+
+
+def main() -> int:
+    """Update the documents of the current folder.
+
+    Returns:
+        The exit code: 2 where a source is missing.
+
+    """
+    root = Path()
+    try:
+        found = read(root)
+    except FileNotFoundError as error:
+        print(f"{error.filename}: there is no such file; call this in the project's folder.", file=sys.stderr)
+        return 2
+    for path in documents(root):
+        text = path.read_text(encoding="utf-8")
+        if (made := updated(text, found)) != text:
+            write_whole(path, made.encode())
+            print(path)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

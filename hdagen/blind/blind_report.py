@@ -1,0 +1,153 @@
+"""The report of a check, blind.json: every figure, every case, and the machine it ran on."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hdagen.blind.confidence_intervals import Figure, finite_or_none, mean, median, rate
+from hdagen.blind.label_seal import Seal, seed_hash
+from hdagen.blind.parameter_errors import Line, compare
+from hdagen.blind.realities.effect_sizes import SIZES
+from hdagen.blind.required_rates import BARS, Bar
+from hdagen.blind.scores import Row, bins, confusion, single, summary
+from hdagen.blind.sealed_check import Check
+from hdagen.support.version import __version__
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Report:
+    """A finished check: the request, its seal, its rows, and the figures and comparisons that follow from them."""
+
+    asked: Check
+    seal: Seal
+    rows: Sequence[Row]
+    summary: Mapping[str, Figure]
+    lines: Sequence[Line]
+
+    @property
+    def bars(self) -> list[tuple[Bar, Figure, bool]]:
+        """The kind's bars whose figure exists: each bar, its figure, and whether it is met."""
+        known = [(bar, self.summary[bar.figure]) for bar in BARS[self.asked.kind] if bar.figure in self.summary]
+        return [(bar, found, bar.met(found)) for bar, found in known]
+
+
+def report(asked: Check, seal: Seal, rows: Sequence[Row]) -> Report:
+    """Make the report of a check.
+
+    Args:
+        asked: the request.
+        seal: the seal that was verified.
+        rows: the scored cases.
+
+    Returns:
+        The report with all figures and comparisons.
+
+    """
+    return Report(asked, seal, rows, summary(rows), compare(rows))
+
+
+def by_effect(rows: Sequence[Row]) -> dict[str, dict[str, Figure]]:
+    """Compute figures of each true effect alone.
+
+    Args:
+        rows: cases of any kind.
+
+    Returns:
+        Figures by effect, in the order of `SIZES`: right "effect", "joint" and "place", "p_truth", and "snr".
+
+    """
+    found = {}
+    for name in SIZES:
+        mine = [row for row in single(rows) if row.effect == name]
+        if mine:
+            found[name] = {
+                "effect": rate([row.effect_right for row in mine]),
+                "joint": rate([row.joint_right for row in mine]),
+                "place": rate([row.place_right for row in mine]),
+                "p_truth": mean([row.p_truth for row in mine]),
+                "snr": median([row.snr for row in mine]),
+            }
+    return found
+
+
+def written(found: Report) -> str:
+    """Render blind.json.
+
+    Args:
+        found: the report of a check.
+
+    Returns:
+        The file's text.
+
+    """
+    content = {
+        "schema": SCHEMA,
+        "kind": found.asked.kind,
+        "cases": found.asked.count,
+        "seconds": found.asked.seconds,
+        "version": __version__,
+        "machine": machine(),
+        "seal": found.seal.digest,
+        "seed": found.asked.seed,
+        "seed_hash": seed_hash(found.asked.seed),
+        "summary": _figures_json(found.summary),
+        "bars": [
+            {"figure": bar.figure, "value": bar.value, "at": ("least", "most")[bar.most], "met": met}
+            for bar, _, met in found.bars
+        ],
+        "reliability": [{"said": said.json(), "right": right.json()} for said, right in bins(single(found.rows))],
+        "confusion": confusion(found.rows),
+        "effects": {name: _figures_json(figures) for name, figures in by_effect(found.rows).items()},
+        "parameters": [
+            {
+                "effect": line.compared.effect,
+                "parameter": line.compared.words,
+                "unit": line.compared.unit,
+                "relative_error": line.error.json(),
+                "within_two_std": line.within.json(),
+                "pairs": line.pairs,
+            }
+            for line in found.lines
+        ],
+        "rows": [_row_json(row) for row in found.rows],
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
+def machine() -> dict[str, Any]:
+    """Describe the machine that the check ran on."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            names = [line.split(":", 1)[1].strip() for line in file if line.startswith("model name")]
+    except OSError:
+        names = []
+    return next(iter(names), platform.processor())
+
+
+def _figures_json(figures: Mapping[str, Figure]) -> dict[str, Any]:
+    return {name: figure.json() for name, figure in figures.items()}
+
+
+def _row_json(row: Row) -> dict[str, Any]:
+    """The fields of a row as JSON takes them: JSON has no NaN."""
+    fields = asdict(row)
+    for name, value in fields.items():
+        if isinstance(value, float):
+            fields[name] = finite_or_none(value)
+    return fields

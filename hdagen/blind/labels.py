@@ -1,0 +1,58 @@
+"""The words for the figures of a check, in the order in which they are shown."""
+
+from __future__ import annotations
+
+import math
+
+from hdagen.blind.confidence_intervals import Figure
+
+WORDS = {
+    "effect": "effect right",
+    "effect_and_joint": "effect and joint right",
+    "joint": "joint right",
+    "place": "place right",
+    "top3": "truth among the first three",
+    "both_said": "the effect named and unknown said at its joint",
+    "unknown_said_at_joint": "unknown said at its joint",
+    "named": "what is there named, nothing else",
+    "sizes_within": "sizes within 15 %, of those named",
+    "after_within": "gap at most 1.3 times that with what is true",
+    "pair_f1": "F1 of two effects",
+    "pair_both": "both effects right",
+    "unknown_found": "unknown called unknown",
+    "unknown_found_at_joint": "unknown called unknown, at its joint",
+    "remainder": "unknown said beside what is named",
+    "false_alarm": "false alarms",
+    "p_truth": "mean probability on the truth",
+    "brier": "Brier score",
+    "calibration_error": "calibration error",
+    "sure": "called sure",
+    "sure_and_wrong": "sure and wrong",
+    "confounded_where_wrong": "truth among the confounded where wrong",
+    "closed": "gap closed on held-out motion, median",
+    "achieved": "gap closed, of what a flexible correction closes, median",
+    "worse": "worse than before",
+    "seconds": "seconds a diagnosis, median",
+    "failed": "failed",
+}
+_PLAIN = {"brier": "", "seconds": " s"}  # units of the figures that are not shares
+
+
+def said(name: str, figure: Figure) -> str:
+    """Format a figure with its interval.
+
+    Args:
+        name: key of `WORDS`; it decides the unit.
+        figure: value and 95 % interval; a share lies between 0 and 1.
+
+    Returns:
+        Value, unit and interval in words; a share in %, the duration of a diagnosis in s.
+
+    """
+    scale, unit = 100.0, " %"
+    if name in _PLAIN:
+        scale, unit = 1.0, _PLAIN[name]
+    value = f"{scale * figure.value:.3g}{unit}"
+    if not (math.isfinite(figure.low) and math.isfinite(figure.high)):
+        return value
+    return f"{value} ({scale * figure.low:.3g} to {scale * figure.high:.3g})"

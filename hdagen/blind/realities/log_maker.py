@@ -1,0 +1,153 @@
+"""A child process that makes the logs of one case: a request on standard input, the truth on standard output.
+
+    python -m hdagen.blind.realities.log_maker < request.json
+
+The truth is never written to a file. The request: ``seed``, ``kind``, ``index`` of the case, ``motion`` "log" or
+"hold_out", its length ``seconds``, ``out`` the path of the log, and ``truth``, the parameters of an earlier answer
+(then they are not drawn again). The answer: ``snr``, the ratio of the true effects to the noise on the channel that
+shows them best, and ``parameters``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from hdagen.blind.realities import joint_reality
+from hdagen.blind.realities.arm_motion import Motion, circle, rich
+from hdagen.blind.realities.arm_reality import MOST_CURRENT, World, simulate
+from hdagen.blind.realities.cases import cases
+from hdagen.blind.realities.rigid_joints import JointCase
+from hdagen.blind.realities.two_joint_arms import ArmCase, TwoJointArm, parameters, scattered
+from hdagen.log.measured_log import write
+
+JointEffects = dict[str, dict[str, float]]  # parameters by effect
+Parameters = dict[tuple[str, int], dict[str, float]]  # parameters by effect and joint
+CHANNELS = {
+    "motor_current": "current_noise",
+    "motor_position": "motor_encoder_resolution",
+    "joint_position": "joint_encoder_resolution",
+}
+
+
+def make(
+    case: ArmCase, motion: str, seconds: float, found: Parameters | None
+) -> tuple[dict[str, np.ndarray], Parameters, float]:
+    """Make a log of a case.
+
+    Args:
+        case: the drawn case.
+        motion: "log" or "hold_out".
+        seconds: length of the motion, s.
+        found: parameters of every effect from an earlier log of the case; None to draw them.
+
+    Returns:
+        The log's columns by name, the parameters of every effect in it, and the signal-to-noise ratio of the true
+        effects (0 where the parameters were given).
+
+    """
+    robot, path = case.robot, _motion(case, motion, seconds)
+    seed = case.seed ^ (motion == "hold_out")
+    if found is not None:
+        return simulate(_world(case, found), robot.joints, path, seed), found, 0.0
+    ends = _ends(path)
+    without = None
+    if case.truth:
+        named = {(one.effect, one.joint) for one in case.truth}
+        quiet = {key: value for key, value in parameters(case, ends).items() if key not in named}
+        without = simulate(_world(case, quiet), robot.joints, path, seed)
+        ends = {j: {**ends[j], "peak": float(np.abs(without[f"motor_current_command_{j}"]).max())} for j in ends}
+    found = parameters(case, ends)
+    log, snr = simulate(_world(case, found), robot.joints, path, seed), 0.0
+    if without:
+        snr = _snr(log, without, robot)
+    return log, found, snr
+
+
+def _motion(case: ArmCase, motion: str, seconds: float) -> Motion:
+    seed = case.seed // 3 + (motion == "hold_out")
+    if case.kind == "task":
+        first, second = case.robot.joints
+        return circle(seed, (first["length"], second["length"]), seconds)
+    return rich(seed, seconds)
+
+
+def _world(case: ArmCase, found: Parameters) -> World:
+    arm, first, second = JointEffects(), JointEffects(), JointEffects()
+    for (effect, joint), p in found.items():
+        (arm, first, second)[joint][effect] = p
+    return World(scattered(case.robot, case.seed), [first, second], arm, case.robot.gravity)
+
+
+def _ends(path: Motion) -> dict[int, dict[str, float]]:
+    """The angles that the motion reaches at each joint, rad, and the controller's largest command, A."""
+    reached = zip(path.position.min(axis=0), path.position.max(axis=0), strict=True)
+    return {
+        j: {"peak": MOST_CURRENT, "lowest": float(low), "highest": float(high)}
+        for j, (low, high) in enumerate(reached, 1)
+    }
+
+
+def _snr(log: Mapping[str, np.ndarray], without: Mapping[str, np.ndarray], robot: TwoJointArm) -> float:
+    """The change that the effects make, rms, in multiples of the channel's noise; the largest of all channels."""
+    found = []
+    for channel, key in CHANNELS.items():
+        for j, joint in enumerate(robot.joints, 1):
+            noise = joint[key]
+            if key != "current_noise":  # an encoder rounds to its resolution
+                noise = noise / np.sqrt(12.0)
+            change = log[f"{channel}_{j}"] - without[f"{channel}_{j}"]
+            found.append(float(np.sqrt(np.mean(change**2))) / noise)
+    return max(found)
+
+
+def packed(found: Parameters) -> dict[str, dict[str, float]]:
+    """Key parameters by name@joint, as JSON needs it.
+
+    Args:
+        found: parameters by effect and joint.
+
+    Returns:
+        The same parameters by name@joint.
+
+    """
+    return {f"{effect}@{joint}": p for (effect, joint), p in found.items()}
+
+
+def unpacked(found: Mapping[str, Mapping[str, float]]) -> Parameters:
+    """Undo `packed`.
+
+    Args:
+        found: parameters by name@joint.
+
+    Returns:
+        The same parameters by effect and joint.
+
+    """
+    return {(key.split("@")[0], int(key.split("@")[1])): dict(p) for key, p in found.items()}
+
+
+def main() -> None:
+    """Answer one request."""
+    request: dict[str, Any] = json.load(sys.stdin)
+    case = cases(request["seed"], request["kind"], request["index"] + 1)[-1]
+    if isinstance(case, JointCase):
+        log = joint_reality.make(case, request["motion"], request["seconds"])
+        told = {"snr": case.snr(), "parameters": case.parameters()}
+    else:
+        assert isinstance(case, ArmCase)
+        known = None
+        if request.get("truth") is not None:
+            known = unpacked(request["truth"])
+        log, found, snr = make(case, request["motion"], request["seconds"], known)
+        told = {"snr": snr, "parameters": packed(found)}
+    write(log, request["out"])
+    json.dump(told, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()

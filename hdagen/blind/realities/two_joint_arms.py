@@ -1,0 +1,256 @@
+"""Two-joint arms, and cases of them with their true effects. Drawing them simulates nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from hdagen.blind.realities.effect_sizes import SIZES, WHOLE, Size, unknown
+from hdagen.blind.realities.random_streams import digest, log_uniform, stream
+
+BACKGROUND = 0.04  # of every typical size
+LEAST, MOST = 0.5, 1.5  # smallest and largest size of a true effect, in typical sizes
+LARGE = 0.7  # smallest size of a true effect beside an unknown one, in typical sizes
+TOLERANCE = 0.05  # relative standard deviation that the robot file states
+SCATTER, FURTHEST = 0.04, 2.5  # relative standard deviation of the true parameters; the largest deviation in these
+SCATTERED = (
+    "mass",
+    "center_of_mass",
+    "inertia",
+    "motor_inertia",
+    "torque_constant",
+    "viscous_friction",
+    "coulomb_friction",
+    "flexspline_stiffness",
+    "flexspline_stiffening",
+    "wave_generator_stiffness",
+    "wave_generator_stiffening",
+    "torsional_damping",
+)  # without lengths, which are measured, and ratios, which are counted
+DRIVE = {  # CSG-17-100, docs/errata.md; motor of 52.5 mN m/A
+    "ratio": 100.0,
+    "motor_inertia": 1.289e-4,
+    "torque_constant": 0.0525,
+    "max_current": 15.0,
+    "viscous_friction": 4e-5,
+    "coulomb_friction": 0.037,
+    "flexspline_stiffness": 9743.94,
+    "flexspline_stiffening": 0.08313,
+    "wave_generator_stiffness": 2.5517,
+    "wave_generator_stiffening": 27.027,
+    "torsional_damping": 6.0,
+}
+SENSOR = {
+    "motor_encoder_resolution": 2.0 * np.pi / 4096,
+    "joint_encoder_resolution": 2.0 * np.pi / 2**20,
+    "current_noise": 0.01,
+}
+LINK = ("length", "mass", "center_of_mass", "inertia")
+_UNSEEN_BY_TASK = ("contact", "current_saturation")  # sized by the ends of the motion, which a circle hardly touches
+
+
+@dataclass(frozen=True)
+class TwoJointArm:
+    """A two-joint arm as its file states it. ``joints``: keys of the tables link, drive and sensor together, SI."""
+
+    name: str
+    gravity: tuple[float, float]
+    joints: tuple[dict[str, float], dict[str, float]]
+
+    def toml(self) -> str:
+        """robot.toml."""
+        document = tomlkit.document()
+        document.update({"name": self.name, "gravity": list(self.gravity), "tolerance": TOLERANCE})
+        tables = tomlkit.aot()
+        for joint in self.joints:
+            table = tomlkit.table()
+            table.update({key: joint[key] for key in LINK})
+            table["drive"] = {key: joint[key] for key in DRIVE}
+            table["sensor"] = {key: float(joint[key]) for key in SENSOR}
+            tables.append(table)
+        document["joint"] = tables
+        return tomlkit.dumps(document)
+
+    def noise(self) -> dict[str, float]:
+        """Standard deviation of the noise of each channel that a model predicts."""
+        found = {}
+        for j, joint in enumerate(self.joints, 1):
+            found[f"motor_current_{j}"] = joint["current_noise"]
+            found[f"motor_position_{j}"] = joint["motor_encoder_resolution"] / math.sqrt(12.0)
+            found[f"joint_position_{j}"] = joint["joint_encoder_resolution"] / math.sqrt(12.0)
+        return found
+
+
+@dataclass(frozen=True)
+class Present:
+    """An effect in reality: ``joint`` from 1, 0 for the whole arm; ``size`` in multiples of the typical one."""
+
+    effect: str
+    joint: int
+    size: float
+
+    def __str__(self) -> str:
+        return f"{self.effect}@{self.joint}"
+
+
+@dataclass(frozen=True)
+class ArmCase:
+    """A case before it is simulated. ``name`` of its folder; ``truth``: the effects to find; ``background``: size of
+    every other effect; ``seed`` of everything else."""
+
+    name: str
+    kind: str
+    robot: TwoJointArm
+    truth: tuple[Present, ...]
+    background: float
+    seed: int
+
+    def label(self) -> dict[str, Any]:
+        """The truth that is sealed."""
+        return {
+            "kind": self.kind,
+            "verdict": [str(one) for one in self.truth],
+            "sizes": [one.size for one in self.truth],
+            "background": self.background,
+            "seed": self.seed,
+        }
+
+    def true_set(self) -> None:
+        """None: no diagnosis.json can state the truth, as the model has other formulas."""
+
+
+def robots(seed: str) -> tuple[TwoJointArm, ...]:
+    """Draw the robots of a check: two that lie flat and one that stands, of random size and meaningless name.
+
+    Args:
+        seed: the seed of the check.
+
+    Returns:
+        The robots as their files state them.
+
+    """
+    return tuple(_robot(seed, at, gravity) for at, gravity in enumerate([(0.0, 0.0), (0.0, -9.81), (0.0, 0.0)]))
+
+
+def _robot(seed: str, at: int, gravity: tuple[float, float]) -> TwoJointArm:
+    rng = stream(seed, "robot", at)
+    links = []
+    for mass, inertia in ((1.6, 0.03), (0.9, 0.012)):
+        length = round(float(rng.uniform(0.14, 0.2)), 3)
+        links.append(
+            {
+                "length": length,
+                "mass": round(mass * float(rng.uniform(0.8, 1.25)), 3),
+                "center_of_mass": round(length * float(rng.uniform(0.45, 0.6)), 3),
+                "inertia": round(inertia * float(rng.uniform(0.75, 1.3)), 4),
+            }
+        )
+    first, second = ({**link, **DRIVE, **SENSOR} for link in links)
+    return TwoJointArm(f"arm-{digest(seed, 'robot', at).hex()[:10]}", gravity, (first, second))
+
+
+def cases(seed: str, kind: str, count: int) -> tuple[ArmCase, ...]:
+    """Draw the first cases of a kind.
+
+    Args:
+        seed: the seed of the check.
+        kind: one of `hdagen.blind.KINDS`, but "joint".
+        count: how many cases.
+
+    Returns:
+        The cases, in an order that the seed decides; a larger ``count`` appends to them.
+
+    """
+    arms = robots(seed)
+    return tuple(_case(seed, kind, index, arms) for index in range(count))
+
+
+def _case(seed: str, kind: str, index: int, arms: Sequence[TwoJointArm]) -> ArmCase:
+    rng = stream(seed, kind, index)
+    if kind == "none":
+        truth: tuple[Present, ...] = ()
+    elif kind == "unknown":
+        truth = (Present("unknown", int(rng.integers(1, 3)), _size(rng)),)
+    elif kind == "pair":
+        first, second = rng.choice(list(SIZES), 2, replace=False)
+        truth = (_present(str(first), rng), _present(str(second), rng))
+    else:
+        least = LEAST
+        if kind == "unknown+one":
+            least = LARGE
+        names = [name for name in SIZES if kind != "task" or name not in _UNSEEN_BY_TASK]
+        block, place = divmod(index, len(names))  # every effect occurs once in each block
+        order = stream(seed, kind, "order", block).permutation(len(names))
+        truth = (_present(names[int(order[place])], rng, least),)
+        if kind == "unknown+one":
+            truth = (*truth, Present("unknown", int(rng.integers(1, 3)), _size(rng, least)))
+    background = 0.0
+    if kind == "background" or (kind == "none" and index % 2):
+        background = BACKGROUND
+    seed_of_case = int(rng.integers(2**62))
+    name = digest(seed, kind, index, "name").hex()[:16]
+    return ArmCase(name, kind, arms[int(rng.integers(3))], truth, background, seed_of_case)
+
+
+def _size(rng: np.random.Generator, least: float = LEAST) -> float:
+    return log_uniform(rng, least, MOST)
+
+
+def _present(effect: str, rng: np.random.Generator, least: float = LEAST) -> Present:
+    joint = {"each": int(rng.integers(1, 3)), "last": 2, "arm": 0}[SIZES[effect].joints]
+    return Present(effect, joint, _size(rng, least))
+
+
+def scattered(robot: TwoJointArm, seed: int) -> list[dict[str, float]]:
+    """Draw the true base parameters of a case.
+
+    Args:
+        robot: the robot as its file states it.
+        seed: the seed of the case.
+
+    Returns:
+        Base parameters of each joint by the keys of its tables, SI.
+
+    """
+    rng = stream(str(seed), "base")
+    true = []
+    for joint in robot.joints:
+        off = np.clip(rng.standard_normal(len(SCATTERED)), -FURTHEST, FURTHEST) * SCATTER
+        true.append({**joint, **{key: joint[key] * (1.0 + float(d)) for key, d in zip(SCATTERED, off, strict=True)}})
+    return true
+
+
+def parameters(case: ArmCase, ends: Mapping[int, Mapping[str, float]]) -> dict[tuple[str, int], dict[str, float]]:
+    """Draw the parameters of every effect in reality.
+
+    Args:
+        case: the drawn case.
+        ends: limits of the motion by joint (from 1): ``peak`` current, A, ``lowest`` and ``highest`` angle, rad. They
+            size saturation and walls.
+
+    Returns:
+        Parameters by effect and joint (from 1; 0 is the whole arm), SI.
+
+    """
+    truth = {(one.effect, one.joint): one.size for one in case.truth}
+    found = {}
+    for effect, size in SIZES.items():
+        for joint in _joints(size):
+            background = 0.0 if effect in WHOLE else case.background
+            multiple = truth.get((effect, joint), background)
+            if multiple:
+                base = {**case.robot.joints[max(joint, 1) - 1], **ends[max(joint, 1)]}
+                found[effect, joint] = size.draw(multiple * size.typical, stream(str(case.seed), effect, joint), base)
+    for one in case.truth:
+        if one.effect == "unknown":
+            found["unknown", one.joint] = unknown(one.size, stream(str(case.seed), "unknown", one.joint))
+    return found
+
+
+def _joints(size: Size) -> tuple[int, ...]:
+    return {"each": (1, 2), "last": (2,), "arm": (0,)}[size.joints]

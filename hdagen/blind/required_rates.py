@@ -1,0 +1,56 @@
+"""The bars that a check of each kind has to reach: a figure, its limit, and whether that is the most or the least."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from hdagen.blind.confidence_intervals import Figure
+
+
+@dataclass(frozen=True)
+class Bar:
+    """``figure`` must be at least (or, ``most``, at most) ``value``."""
+
+    figure: str
+    value: float
+    most: bool = False
+
+    def met(self, found: Figure) -> bool:
+        """Tell whether a figure reaches the bar; its interval does not count.
+
+        Args:
+            found: the measured figure, in the unit of the bar.
+
+        Returns:
+            True where the figure's value is on the right side of the bar, or on it.
+
+        """
+        if self.most:
+            return found.value <= self.value
+        return found.value >= self.value
+
+
+_EVERY = (
+    Bar("closed", 0.9),
+    Bar("achieved", 0.9),
+    Bar("worse", 0.0, most=True),
+    Bar("seconds", 20.0, most=True),
+    Bar("failed", 0.0, most=True),
+)
+BARS: Mapping[str, tuple[Bar, ...]] = {
+    "single": (Bar("effect", 0.95), Bar("joint", 0.98), Bar("place", 0.98), Bar("p_truth", 0.85), *_EVERY),
+    "background": (Bar("effect", 0.92), Bar("calibration_error", 0.05, most=True), *_EVERY),
+    "none": (Bar("false_alarm", 0.01, most=True), *_EVERY[2:]),
+    "unknown": (Bar("unknown_found_at_joint", 0.9), *_EVERY[2:]),
+    "unknown+one": (Bar("both_said", 0.8), *_EVERY[2:]),
+    "pair": (Bar("pair_f1", 0.85), *_EVERY),
+    "task": (Bar("effect", 0.8), Bar("confounded_where_wrong", 0.95), *_EVERY),
+    "joint": (
+        Bar("named", 0.9),
+        Bar("sizes_within", 0.9),
+        Bar("after_within", 0.9),
+        Bar("sure_and_wrong", 0.02, most=True),
+        *_EVERY[2:],
+    ),
+}

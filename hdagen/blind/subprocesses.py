@@ -1,0 +1,120 @@
+"""Child processes of a check: one that makes a log, and hdagen's commands in an environment that reveals nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hdagen.support.child_processes import start_together
+
+_PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "CC", "LD_LIBRARY_PATH")
+_PACKAGE = Path(__file__).parents[2]
+_LOOK = 0.05  # s between looks at whether to stop
+MAKER = (sys.executable, "-P", "-m", "hdagen.blind.realities.log_maker")
+
+
+class ChildError(Exception):
+    """A child process failed or was stopped; the message is its last line."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A command's exit ``code``, its standard output ``printed``, the last ``words`` on standard error, and its
+    duration in ``seconds``."""
+
+    code: int
+    printed: str
+    words: str
+    seconds: float
+
+
+def clean_environment(builds: Path) -> dict[str, str]:
+    """Make the environment of a child, which tells where programs and builds are and nothing else.
+
+    Args:
+        builds: folder of the compiled models.
+
+    Returns:
+        Environment variables by name.
+
+    """
+    known = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
+    return {**known, "PYTHONPATH": str(_PACKAGE), "HDAGEN_BUILD": str(builds.absolute())}
+
+
+def ask(request: Mapping[str, Any], builds: Path, stop: threading.Event) -> dict[str, Any]:
+    """Have `hdagen.blind.realities.log_maker` write a log; seed and truth pass through pipes and memory only.
+
+    Args:
+        request: the request that `hdagen.blind.realities.log_maker` describes.
+        builds: folder of the compiled models.
+        stop: stops the child when set.
+
+    Returns:
+        The answer of `hdagen.blind.realities.log_maker`: the truth about the log.
+
+    Raises:
+        ChildError: the log could not be made, or ``stop`` was set.
+
+    """
+    ended = run(MAKER, Path.cwd(), builds, stop, told=json.dumps(request))
+    if ended.code:
+        raise ChildError(f"the case could not be simulated: {ended.words}")
+    return dict(json.loads(ended.printed))
+
+
+def run(
+    command: Sequence[str],
+    folder: Path,
+    builds: Path,
+    stop: threading.Event,
+    most_seconds: float = 3600.0,
+    told: str = "",
+) -> Ended:
+    """Run a command; an interrupt from the keyboard reaches it through ``stop`` only.
+
+    Args:
+        command: program and arguments.
+        folder: working folder of the command.
+        builds: folder of the compiled models.
+        stop: stops the command when set.
+        most_seconds: duration after which the command is stopped, s.
+        told: text on the command's standard input.
+
+    Returns:
+        Exit code, output and duration.
+
+    Raises:
+        ChildError: the command took longer than ``most_seconds``, or ``stop`` was set.
+
+    """
+    start, pipe = time.monotonic(), subprocess.PIPE
+    how = {"cwd": folder, "env": clean_environment(builds), "stdin": pipe, "stdout": pipe, "stderr": pipe, "text": True}
+    with start_together(command, **how) as child:
+        given: str | None = told
+        while True:
+            try:
+                printed, complained = child.communicate(given, timeout=_LOOK)
+                break
+            except subprocess.TimeoutExpired:
+                given = None  # the first call's input is still being sent
+                if stop.is_set():
+                    raise ChildError("stopped") from None
+                if time.monotonic() - start > most_seconds:
+                    raise ChildError(f"it was stopped after {most_seconds:g} s") from None
+    return Ended(child.returncode, printed, _last(complained), time.monotonic() - start)
+
+
+def _last(words: str) -> str:
+    lines = [line.strip() for line in words.splitlines() if line.strip()]
+    if not lines:
+        return "without a word"
+    return lines[-1][:300]

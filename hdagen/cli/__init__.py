@@ -1,0 +1,1 @@
+"""The commands of hdagen, one file each: it parses, calls and prints."""

@@ -1,0 +1,104 @@
+"""`hdagen adopt`: a robot file with the verdict of a diagnosis in it, comments and layout kept."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hdagen.adoption.robot_update import Adopted
+
+EXAMPLE = """example:
+  hdagen adopt diagnosis-log/diagnosis.json robot.toml --dry-run
+  hdagen adopt diagnosis-log/diagnosis.json robot.toml --out robot.new.toml
+  hdagen replay robot.new.toml log.parquet
+  python -m gen build robot.new.toml
+
+exit codes: 0 done, 2 usage or configuration; docs/adopt.md says what is written and what is refused"""
+DONE = 0
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
+    p = commands.add_parser(
+        "adopt",
+        help="write the verdict of a diagnosis into the robot file",
+        description="Writes the robot file anew with the verdict of a diagnosis in it: base parameters within their "
+        "tolerance, effects as [[effect]] tables, comments and layout as they are.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("diagnosis", type=Path, metavar="diagnosis.json", help="what hdagen diagnose wrote")
+    p.add_argument("robot", type=Path, metavar="robot.toml", help="the robot file that was diagnosed")
+    where = p.add_mutually_exclusive_group(required=True)
+    where.add_argument("--out", type=Path, metavar="robot.new.toml", help="where the new one is written")
+    where.add_argument("--dry-run", action="store_true", help="write nothing and show the lines that would differ")
+    p.add_argument("--force", action="store_true", help="write over a file that is there, be it robot.toml itself")
+    p.add_argument("--profile", choices=("portable", "native"), default="portable", help="of the builds that are made")
+    p.add_argument("--json", action="store_true", help="print what changed as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Adopt and print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    """
+    from hdagen.adoption.robot_update import adopt
+
+    adopted = adopt(options.diagnosis, options.robot, options.out, options.force, options.profile)
+    if options.json:
+        _print_json(options, adopted)
+    else:
+        _print(options, adopted)
+    return DONE
+
+
+def _print_json(options: argparse.Namespace, adopted: Adopted) -> None:
+    said = {
+        "robot": str(options.robot),
+        "diagnosis": str(options.diagnosis),
+        "changes": [asdict(change) for change in adopted.changes],
+        "notes": list(adopted.notes),
+        "difference": list(adopted.difference),
+        "out": options.out and str(options.out),
+    }
+    print(json.dumps(said, indent=1))
+
+
+def _print(options: argparse.Namespace, adopted: Adopted) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    if adopted.changes:
+        table = Table(title=escape(f"{options.robot} with {options.diagnosis}"), title_justify="left")
+        table.add_column("where")
+        table.add_column("before", justify="right")
+        table.add_column("after", justify="right")
+        table.add_column("unit")
+        for change in adopted.changes:
+            before = ""
+            if change.before is not None:
+                before = f"{change.before:.6g}"
+            table.add_row(escape(change.where), before, f"{change.after:.6g}", change.unit)
+        console.print(table)
+    for note in adopted.notes:
+        console.print(f"note: {note}", markup=False)
+    if options.dry_run:
+        console.print("\n".join([*adopted.difference, "nothing is written"]), markup=False, soft_wrap=True)
+    else:
+        console.print(f"written: {options.out}", markup=False)

@@ -1,0 +1,224 @@
+"""`hdagen blind`: how often `hdagen diagnose` is right on realities whose effects it cannot know."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import secrets
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hdagen.blind.blind_report import Report
+
+EXAMPLE = """example:
+  hdagen blind --kind single --cases 200
+  hdagen blind --kind background --cases 200 --calibrate background.json
+  hdagen blind --kind task --cases 24 --write made-here
+
+exit codes: 0 done, 1 a stated bar failed, 2 usage or configuration; docs/blind.md says what is simulated and scored"""
+DONE, BAR_MISSED, USAGE = 0, 1, 2
+LEAST_SECONDS, MOST_SECONDS = 2.0, 120.0  # of a log: holds and pushes need room
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
+    from hdagen.blind import KINDS
+
+    p = commands.add_parser(
+        "blind",
+        help="check the diagnosis on data whose effect is withheld",
+        description="Makes realities by another simulator, seals their labels, has them diagnosed by processes that "
+        "know nothing, opens the seal, scores, and writes blind.json and blind.html.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("--kind", choices=KINDS, required=True, help="what the realities have that the robot files lack")
+    p.add_argument("--cases", type=int, default=48, metavar="N", help="how many (default: 48)")
+    p.add_argument(
+        "--seed",
+        metavar="S",
+        help="any text, or - to read it from the standard input, where no other process sees it (default: drawn, and "
+        "told at the end)",
+    )
+    p.add_argument("--jobs", type=int, default=2, metavar="J", help="cases at the same time (default: 2)")
+    p.add_argument("--seconds", type=float, metavar="T", help="length of a log, s (default: 10; joints: 24)")
+    p.add_argument("--out", type=Path, metavar="DIR", help="folder of the results (default: blind-<kind>)")
+    p.add_argument("--keep", action="store_true", help="keep every case's logs and page")
+    p.add_argument("--calibrate", type=Path, metavar="FILE", help="also write the data that a calibration is fitted to")
+    p.add_argument("--json", action="store_true", help="print blind.json, or where cases were written")
+    p.add_argument("--write", type=Path, metavar="DIR", help="only write cases with their labels: for developing")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check the diagnosis on sealed realities, write, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code: 1 where a bar is missed.
+
+    """
+    from hdagen.blind import SECONDS
+
+    if options.seconds is None:
+        options.seconds = SECONDS[options.kind]
+    problems = _conflicts(options)
+    if problems:
+        print("\n".join(problems), file=sys.stderr)
+        return USAGE
+    from hdagen.blind.label_seal import SealError
+    from hdagen.blind.sealed_check import BlindError
+    from hdagen.blind.subprocesses import ChildError
+    from hdagen.diagnosis.decision.calibration import CalibrationError
+
+    seed = _seed(options.seed)
+    try:
+        if options.write is not None:
+            from hdagen.blind.case_export import write
+
+            folder = write(options.write, options.kind, options.cases, seed, options.jobs, options.seconds, _progress())
+            if options.json:
+                print(json.dumps({"written": str(folder), "labels": "labels.json", "seed": seed}))
+            else:
+                print(f"written: {folder}, with labels.json; seed {seed}")
+            return DONE
+        return _check(options, seed)
+    except (BlindError, CalibrationError, ChildError, SealError) as error:
+        print(error, file=sys.stderr)
+        return USAGE
+    except OSError as error:
+        print(
+            f"{error.filename}: cannot be written ({error.strerror}), and nothing is half-written; make room or name "
+            f"another folder, and give --seed {seed} to go on.",
+            file=sys.stderr,
+        )
+        return USAGE
+
+
+def _conflicts(options: argparse.Namespace) -> list[str]:
+    problems = [
+        f"{name} {value}: possible is a whole number from 1 on."
+        for name, value in (("--cases", options.cases), ("--jobs", options.jobs))
+        if value < 1
+    ]
+    if not LEAST_SECONDS <= options.seconds <= MOST_SECONDS:
+        problems.append(f"--seconds {options.seconds:g}: possible is {LEAST_SECONDS:g} to {MOST_SECONDS:g} s.")
+    if options.write is not None and (options.out is not None or options.calibrate is not None or options.keep):
+        problems.append("--write makes cases and checks nothing: leave out --out, --keep and --calibrate.")
+    if importlib.util.find_spec("mujoco") is None:
+        problems.append("MuJoCo is not installed, which makes the realities: pip install 'hdagen[blind]'.")
+    return problems
+
+
+def _seed(given: str | None) -> str:
+    if given is None:
+        return secrets.token_hex(16)
+    if given == "-":
+        return sys.stdin.readline().strip()
+    return given
+
+
+def _progress() -> Callable[[str], None]:
+    """A function that writes progress to standard error: on one line of a terminal, elsewhere a line each."""
+
+    def write_line(words: str) -> None:
+        print(words, file=sys.stderr, flush=True)
+
+    def rewrite_line(words: str) -> None:
+        end = "\n"
+        if " left" in words:
+            end = ""
+        print(f"\r\033[K{words}", end=end, file=sys.stderr, flush=True)
+
+    if sys.stderr.isatty():
+        return rewrite_line
+    return write_line
+
+
+def _check(options: argparse.Namespace, seed: str) -> int:
+    from hdagen.blind import blind_page, calibrate
+    from hdagen.blind.blind_report import report, written
+    from hdagen.blind.label_seal import seed_hash
+    from hdagen.blind.sealed_check import BlindError, Check, check
+    from hdagen.diagnosis.decision import calibration
+    from hdagen.support.atomic_write import write_whole
+
+    if options.calibrate is None and seed_hash(seed) in calibration.read().seeds:
+        raise BlindError("this seed was calibrated on, so a check with it proves nothing; take another --seed.")
+    asked = Check(
+        options.kind,
+        options.cases,
+        seed,
+        options.jobs,
+        options.seconds,
+        options.out or Path(f"blind-{options.kind}"),
+        options.keep,
+    )
+    rows, closed = check(asked, _progress())
+    found = report(asked, closed, rows)
+    write_whole(asked.out / "blind.json", written(found).encode())
+    blind_page.write(asked.out / "blind.html", found)
+    if options.calibrate is not None:
+        write_whole(options.calibrate, calibrate.data(rows, asked.kind, seed_hash(seed)).encode())
+    if options.json:
+        print(written(found), end="")
+    else:
+        _print(found)
+    if all(met for _, _, met in found.bars):
+        return DONE
+    return BAR_MISSED
+
+
+def _print(found: Report) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from hdagen.blind.labels import WORDS, said
+
+    console = Console(highlight=False)
+    limits = {}
+    for bar, _, met in found.bars:
+        bound, verdict = "at least", "missed"
+        if bar.most:
+            bound = "at most"
+        if met:
+            verdict = "met"
+        limits[bar.figure] = f"{bound} {bar.value:g}: {verdict}"
+    table = Table("", "value (95 % interval)", title=f"blind check: {found.asked.kind}, {found.asked.count} cases",
+                  title_justify="left")  # fmt: skip
+    table.add_column("cases", justify="right")
+    table.add_column("bar")
+    for name, words in WORDS.items():
+        if name in found.summary:
+            figure = found.summary[name]
+            table.add_row(words, said(name, figure), str(figure.count), limits.get(name, ""))
+    console.print(table)
+    if found.lines:
+        console.print(_parameters(found))
+    console.print(f"written: {found.asked.out / 'blind.json'} and {found.asked.out / 'blind.html'}", soft_wrap=True)
+
+
+def _parameters(found: Report) -> Any:
+    """The table of orders, time constants and shapes."""
+    from rich.table import Table
+
+    table = Table("effect", "quantity", title="true against found, of effects named right", title_justify="left")
+    for heading in ("cases", "error, median", "within 2 std"):
+        table.add_column(heading, justify="right")
+    for line in found.lines:
+        inside = ""
+        if line.within.count:
+            inside = f"{100 * line.within.value:.0f} %"
+        error = f"{100 * line.error.value:.2g} %"
+        table.add_row(line.compared.effect, line.compared.words, str(line.error.count), error, inside)
+    return table

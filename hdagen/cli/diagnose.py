@@ -1,0 +1,244 @@
+"""`hdagen diagnose`: which unmodelled effect makes model and log differ, and how far the gap shrinks with it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hdagen.fleet.fleet_diagnosis import Result
+    from hdagen.pages.number_table import Cell
+
+EXAMPLE = """example:
+  hdagen diagnose robot.toml log.parquet
+  hdagen diagnose robot.toml log.parquet --hold-out other.parquet --out diagnosis-log
+  hdagen diagnose robot.toml monday.parquet tuesday.parquet
+  hdagen diagnose --fleet fleet.toml
+
+writes diagnosis.json and report.html; `hdagen replay --with` and `hdagen adopt` take the former. With --fleet: a folder
+for each [[machine]] of fleet.toml, fleet.json and fleet.html.
+exit codes: 0 done, 2 usage or configuration, 3 data unusable; docs/diagnosis.md says how it decides"""
+DONE, USAGE, UNUSABLE = 0, 2, 3
+THREADS = 2  # that one diagnosis keeps busy
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
+    p = commands.add_parser(
+        "diagnose",
+        help="say which unmodelled effect makes model and log differ",
+        description="Fits every effect on every joint to a log and says which is missing in the model, how probable "
+        "that is, and how far the gap shrinks on motion that the fit did not see.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("robot", nargs="?", help="a preset or a robot.toml")
+    p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help=".csv, .parquet or .mat; several of one machine")
+    p.add_argument("--columns", type=Path, metavar="columns.toml", help="names, units and signs of a foreign log")
+    p.add_argument("--hold-out", nargs="+", type=Path, metavar="LOG", help="other motions of the same machine")
+    p.add_argument("--out", type=Path, metavar="DIR", help="default: ./diagnosis-<log or fleet>")
+    p.add_argument("--fleet", type=Path, metavar="fleet.toml", help="many logs, a [[machine]] with robot and log each")
+    p.add_argument(
+        "--jobs", type=int, metavar="J", help="machines of a fleet at the same time (default: half the cores)"
+    )
+    p.add_argument("--json", action="store_true", help="print diagnosis.json or fleet.json, with where the page is")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Diagnose, write, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    """
+    _check(options)
+    if options.fleet:
+        return _fleet(options)
+    return _one(options)
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse options that do not go together. Raises PlantError."""
+    from hdagen.arm.build_loader import PlantError
+
+    problems = []
+    if options.fleet is None:
+        if options.robot is None or not options.logs:
+            problems.append("give a robot file and a log, or --fleet fleet.toml.")
+        if options.jobs is not None:
+            problems.append("--jobs: goes with --fleet only.")
+    else:
+        given = [name for name in ("robot", "columns", "hold_out") if getattr(options, name) is not None]
+        if given:
+            problems.append(f"--fleet: {', '.join(given)} stands in fleet.toml, by machine; leave it out here.")
+        if options.jobs is not None and options.jobs < 1:
+            problems.append(f"--jobs {options.jobs}: possible is a whole number from 1 on.")
+    if problems:
+        raise PlantError("\n".join(problems))
+
+
+@contextmanager
+def _folder(out: Path) -> Iterator[Path]:
+    """``out``, made before the work; where that fails with nothing written, it is taken away again. Raises
+    PlantError, also where it cannot be written into."""
+    from hdagen.arm.build_loader import PlantError
+
+    new = not out.exists()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PlantError(f"--out {out}: cannot be made ({error.strerror}); name another folder.") from None
+    try:
+        yield out
+    except OSError as error:
+        raise PlantError(
+            f"--out {out}: cannot be written into ({error.strerror}), and nothing is half-written; make room or name "
+            "another folder."
+        ) from None
+    finally:
+        if new and not any(out.iterdir()):
+            out.rmdir()
+
+
+def _one(options: argparse.Namespace) -> int:
+    from hdagen.diagnosis.pipeline import diagnose
+    from hdagen.diagnosis.progress import Progress
+    from hdagen.diagnosis.report import report_page
+    from hdagen.diagnosis.report.sentences import sentence
+    from hdagen.log.measured_log import check_log, read
+    from hdagen.support.atomic_write import write_whole
+    from hdagen.support.heap_memory import kept
+
+    for path in (*options.logs, *(options.hold_out or ())):
+        check_log(path)
+    with _folder(options.out or Path(f"diagnosis-{options.logs[0].stem}")) as out:
+        logs = [read(path, columns=options.columns, holes=True) for path in options.logs]
+        held = [read(path, columns=options.columns, holes=True) for path in options.hold_out or ()]
+        say = Progress()
+        kept()
+        found = diagnose(options.robot, logs, held, say)
+        say("report")
+        text = json.dumps(found.content, indent=1, allow_nan=False) + "\n"
+        write_whole(out / "diagnosis.json", text.encode())
+        report_page.write(found, out / "report.html", _again(options, found.content))
+    said = sentence(found.content)
+    if options.json:
+        beside = {"sentence": said, "left_out": list(found.left_out), "page": str(out / "report.html")}
+        print(json.dumps(found.content | beside, indent=1))
+        return DONE
+    print(said)
+    for failure in found.left_out:
+        print(failure)
+    print(out / "report.html")
+    return 0
+
+
+def _again(options: argparse.Namespace, content: Mapping[str, Any]) -> str:
+    """The commands that repeat the diagnosis and use it, as a shell takes them."""
+    robot, mapped, held = shlex.quote(str(options.robot)), "", ""
+    if options.columns:
+        mapped = f" --columns {shlex.quote(str(options.columns))}"
+    if options.hold_out:
+        held = f" --hold-out {shlex.join(map(str, options.hold_out))}"
+    motion = shlex.quote(str((options.hold_out or options.logs)[0]))
+    digest = content["robot"]["identity"]
+    return (
+        f"    hdagen diagnose {robot} {shlex.join(map(str, options.logs))}{held}{mapped}\n"
+        f"    hdagen replay {robot} {motion}{mapped} --with diagnosis.json --out predicted.parquet\n"
+        f"    hdagen adopt diagnosis.json {robot} --out robot.new.toml\n\n"
+        f"The robot's identity, of its numbers alone, is {digest}. The same input gives the same diagnosis."
+    )
+
+
+def _fleet(options: argparse.Namespace) -> int:
+    """Diagnose all machines, write table and page; those finished before an interrupt are written, too."""
+    from hdagen.fleet import fleet_diagnosis, fleet_file, fleet_page
+
+    machines = fleet_file.read(options.fleet)
+    with _folder(options.out or Path(f"diagnosis-{options.fleet.stem}")) as out:
+        jobs = options.jobs or max((os.cpu_count() or 1) // THREADS, 1)
+        begun = time.monotonic()
+        results, interrupted = fleet_diagnosis.diagnose(
+            machines, out, jobs, lambda words: print(f"{time.monotonic() - begun:5.0f} s  {words}", file=sys.stderr)
+        )
+        fleet_diagnosis.write(out / "fleet.json", fleet_diagnosis.summary(results))
+        fleet_page.write(out / "fleet.html", options.fleet, results)
+    if options.json:
+        print(json.dumps(fleet_diagnosis.summary(results) | {"page": str(out / "fleet.html")}, indent=1))
+    else:
+        _print_fleet(results, out)
+    if interrupted:
+        raise KeyboardInterrupt
+    ended = {one.status for one in results}
+    if fleet_diagnosis.Status.FAILED in ended:
+        return USAGE
+    if fleet_diagnosis.Status.REFUSED in ended:
+        return UNUSABLE
+    return DONE
+
+
+def _print_fleet(results: Sequence[Result], out: Path) -> None:
+    from rich.console import Console
+
+    from hdagen.fleet import fleet_page
+
+    console = Console(highlight=False)
+    if not sys.stdout.isatty():  # a file has no width that a table must keep to
+        console = Console(highlight=False, width=160)
+    console.print(_table(results))
+    console.print(fleet_page.sentence(results), markup=False, soft_wrap=True)
+    console.print(out / "fleet.html", soft_wrap=True)
+
+
+def _table(results: Sequence[Result]) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from hdagen.fleet.fleet_page import HEADINGS, cells
+
+    table = Table()
+    for heading in HEADINGS[:2]:
+        table.add_column(heading, overflow="fold")
+    for heading in (*HEADINGS[2:], "s"):
+        table.add_column(heading, justify="right", overflow="fold")
+    for one in results:
+        name, missing, *figures = map(_written, cells(one))
+        if one.says:
+            missing += f": {one.says[0]}"
+        took = ""
+        if one.kept:
+            took = "kept"
+        elif one.seconds:
+            took = f"{one.seconds:.0f}"
+        table.add_row(escape(name), escape(missing), *figures, took)
+    return table
+
+
+def _written(cell: Cell) -> str:
+    if cell is None:
+        return ""
+    if cell is True:
+        return "yes"
+    if cell is False:
+        return "no"
+    if isinstance(cell, str):
+        return cell
+    return f"{cell:.3g}"

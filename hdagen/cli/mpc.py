@@ -1,0 +1,199 @@
+"""`hdagen mpc`: the table of three controllers, the accuracy of the estimator, the page of a run, the keys of
+controller.toml, the truth beside a tick."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hdagen.mpc.benchmark.sqp_convergence import Loop
+
+EXAMPLE = """examples:
+  hdagen mpc table                 impedance, admittance and predictive control, free and against a wall
+  hdagen mpc table --runs 100      the same over random runs
+  hdagen simulate paper --controller mpc --out run.parquet && hdagen mpc explain run.parquet
+  hdagen mpc header > mpc_settings.h   the configuration for C, as example_mpc.c includes it
+  hdagen mpc sense                 innovations, delay and bias on a step of force, collisions and false alarms
+  hdagen mpc reference             the plan beside IPOPT's of the whole nonlinear problem"""
+
+
+WHAT = ("table", "sense", "explain", "keys", "reference", "header")
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
+    p = commands.add_parser(
+        "mpc",
+        help="predictive control: compare, explain a run, list keys, check against the whole problem",
+        description="The predictive controller that keeps the admittance; see docs/mpc.md.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("what", nargs="?", choices=WHAT)
+    p.add_argument("--reference", action="store_true", help="the same as `reference`")
+    p.add_argument(
+        "log", nargs="?", type=Path, help="of `explain`: a log that `hdagen simulate --controller mpc` wrote"
+    )
+    p.add_argument("--robot", default="paper", help="of `header`: a preset or a robot.toml (default: paper)")
+    p.add_argument(
+        "--config", default=None, metavar="controller.toml", help="of `reference` and `header`; default: the defaults"
+    )
+    p.add_argument("--runs", type=int, default=0, help="of `table`: random runs besides (default: none)")
+    p.add_argument("--profile", choices=("portable", "native"), default="native")
+    p.add_argument("--out", type=Path, default=None, help="of `explain`: the page (default: beside the log, .html)")
+    p.add_argument("--json", action="store_true", help="print the figures as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the part of the command that is named.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        PlantError: No part is named, or more than one.
+
+    """
+    from hdagen.arm.build_loader import PlantError
+
+    asked = []
+    if options.what:
+        asked.append(options.what)
+    if options.reference:
+        asked.append("reference")
+    if len(set(asked)) != 1:
+        raise PlantError(
+            f"hdagen mpc takes one of {', '.join(WHAT)}, or --reference; found {' and '.join(asked) or 'none'}."
+        )
+    does = {"table": _table, "sense": _sense, "explain": _explain, "keys": _keys, "reference": _reference}
+    return (does | {"header": _header})[asked[0]](options)
+
+
+def _keys(options: argparse.Namespace) -> int:
+    from hdagen.mpc.configuration_schema import KEYS, documented
+
+    if options.json:
+        print(json.dumps([asdict(key) for key in KEYS], indent=1))
+    else:
+        print(documented().rstrip("\n"))
+    return 0
+
+
+def _explain(options: argparse.Namespace) -> int:
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.log.data_table import LogError
+    from hdagen.mpc.explanation_page import verdict, write
+    from hdagen.mpc.tick_record import read
+
+    if options.log is None:
+        raise PlantError(
+            "hdagen mpc explain takes a log; `hdagen simulate --controller mpc --out run.parquet` writes one."
+        )
+    record = read(options.log)
+    out = options.out or options.log.with_suffix(".html")
+    if not os.path.isdir(out.absolute().parent) or os.path.isdir(out):
+        raise PlantError(f"--out {out}: give the path of a file in a folder that exists, such as ticks.html.")
+    try:
+        write(out, options.log.name, record)
+    except OSError as error:
+        raise LogError(
+            [f"{out}: the page could not be written ({error.strerror}); name another with --out."]
+        ) from error
+    said = verdict(record)
+    if options.json:
+        print(json.dumps({"sentence": said, "page": str(out)}, indent=1))
+    else:
+        print(f"{said}\n{out}")
+    return 0
+
+
+def _table(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from hdagen.mpc.benchmark.law_comparison import compare, lines, random_runs
+
+    with Console(stderr=True).status("starting") as status:
+        found = compare(options.profile, status.update)
+        runs = []
+        with contextlib.suppress(KeyboardInterrupt):  # an interrupt leaves the runs that are finished
+            for one in random_runs(max(0, options.runs), found.tuned.gains, options.profile):
+                runs.append(one)
+                status.update(f"random run {len(runs)} of {options.runs}, limits kept in {sum(r.kept for r in runs)}")
+    if options.json:
+        rows = {
+            "rows": [asdict(row) for row in found.rows],
+            "free": found.free,
+            "tuned": asdict(found.tuned),
+            "runs": [asdict(one) for one in runs],
+        }
+        print(json.dumps(rows, indent=1))
+    else:
+        print("\n".join(lines(found, runs)))
+    return 0
+
+
+def _sense(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from hdagen.mpc.benchmark.estimator_consistency import lines, measure
+
+    with Console(stderr=True).status("starting") as status:
+        found = measure(options.profile, status.update)
+    if options.json:
+        print(json.dumps(asdict(found), indent=1))
+    else:
+        print("\n".join(lines(found)))
+    return 0
+
+
+def _header(options: argparse.Namespace) -> int:
+    from hdagen.arm.compiled_arm import load
+    from hdagen.mpc.configuration import Configuration, read
+    from hdagen.mpc.predictive_controller import MPC
+
+    c = Configuration()
+    if options.config:
+        c = read(options.config)
+    text = MPC(load(options.robot, options.profile, mpc=c), c).header()
+    if options.json:
+        print(json.dumps({"header": text}))
+    else:
+        print(text.rstrip("\n"))
+    return 0
+
+
+def _reference(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from hdagen.mpc.benchmark.ipopt_reference import against_truth, beside
+    from hdagen.mpc.benchmark.sqp_convergence import lines, loops
+
+    driven: tuple[Loop, ...] = ()
+    with Console(stderr=True).status("starting") as status:
+        if options.config is None:
+            driven = loops(options.profile, status.update)
+        status.update("IPOPT")
+        found = against_truth(options.config, options.profile)
+    if options.json:
+        print(
+            json.dumps({"loops": [asdict(loop) for loop in driven], "plans": [asdict(one) for one in found]}, indent=1)
+        )
+    else:
+        if driven:
+            print("\n".join(lines(driven)))
+        print("\n".join(beside(found)))
+    return 0

@@ -1,0 +1,129 @@
+"""`hdagen paper`: the paper's tables and figures on its virtual prototype, its claims, and the results here."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hdagen.paper.figure_catalogue import Listed
+
+EXAMPLE = """example:
+  hdagen paper list
+  hdagen paper fig11 table4 --out paper
+  hdagen paper all
+
+writes SVG, PNG, JSON and logs, which `hdagen replay paper_prototype LOG` takes; all also writes index.html.
+docs/paper.md has what came out and why it differs"""
+DONE = 0
+MARK = {True: "holds", False: "does not", None: ""}
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
+    p = commands.add_parser(
+        "paper",
+        help="the paper's tables and figures, reproduced",
+        description="Makes tables and figures of the paper by simulating its virtual prototype: pictures, numbers, "
+        "logs, "
+        "and a line for each thing that the paper says of them. What is finished is not made again while nothing that "
+        "it comes from has changed.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("names", nargs="+", metavar="NAME", help="such as fig11 or table4; all; or list, which names them")
+    p.add_argument("--out", type=Path, default=Path("paper"), help="the folder (default: paper)")
+    p.add_argument("--profile", choices=("portable", "native"), default="native", help="how the arms are compiled")
+    p.add_argument("--json", action="store_true", help="print the claims as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Make figures, write them, print their claims.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        PlantError: A name is unknown, or the folder cannot be used.
+
+    """
+    from rich.console import Console
+
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.paper import figure_production
+    from hdagen.paper.drawing import needed
+    from hdagen.paper.figure_catalogue import FIGURES, named
+
+    if options.names == ["list"]:
+        titles = {figure.name: figure.title for figure in FIGURES}
+        if options.json:
+            print(json.dumps(titles, indent=1, ensure_ascii=False))
+        else:
+            print("\n".join(f"{name:10} {title}" for name, title in titles.items()))
+        return DONE
+    figures = named(options.names)
+    if options.out.exists() and not options.out.is_dir():
+        raise PlantError(f"--out {options.out} is a file; give a folder.")
+    needed()
+    begun, console, found, new = time.perf_counter(), Console(), {}, 0
+    errors = Console(stderr=True)
+    processes = 1
+    if len(figures) > 1:
+        processes = figure_production.processors()
+
+    def say(words: str) -> None:
+        errors.print(words, highlight=False, markup=False)
+
+    for figure, content, now in figure_production.produce(figures, options.out, options.profile, processes, say):
+        found[figure.name] = content
+        new += now
+    contents = [found[figure.name] for figure in figures]
+    if figures == FIGURES:
+        _whole(options.out, contents)
+    if options.json:
+        print(json.dumps({content["name"]: content["claims"] for content in contents}, indent=1, ensure_ascii=False))
+    else:
+        _print(console, figures, contents)
+        where = options.out
+        if figures == FIGURES:
+            where /= "index.html"
+        took = time.perf_counter() - begun
+        console.print(f"{new} made, {len(figures) - new} left as they were, {took:.0f} s; see {where}", soft_wrap=True)
+    return DONE
+
+
+def _whole(out: Path, contents: list[dict[str, Any]]) -> None:
+    """The page of all figures, and results.json."""
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.paper import document_tables, figure_store, paper_page
+    from hdagen.support.atomic_write import write_whole
+
+    try:
+        paper_page.write(out, contents, figure_store.sections(out, [content["name"] for content in contents]))
+        write_whole(out / "results.json", document_tables.results(contents).encode())
+    except OSError as error:
+        raise PlantError(f"{out}: {error.strerror}; choose another place with --out.") from None
+
+
+def _print(console: Console, figures: tuple[Listed, ...], contents: list[dict[str, Any]]) -> None:
+    """Print each claim of the paper with the result here, figure by figure."""
+    for figure, content in zip(figures, contents, strict=True):
+        console.print(f"\n{figure.name}  {figure.title}", style="bold", highlight=False, markup=False)
+        for claim in content["claims"]:
+            line = f"  the paper says: {claim['paper']}\n  here: {claim['here']}"
+            if mark := MARK[claim["holds"]]:
+                line += f"  [{mark}]"
+            console.print(line, highlight=False, markup=False, soft_wrap=True)

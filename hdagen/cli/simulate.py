@@ -1,0 +1,226 @@
+"""`hdagen simulate`: a controller drives the compiled arm around a circle and is pushed; the log is written."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hdagen.arm.compiled_arm import Arm
+    from hdagen.control.guarded_controller import Controller
+    from hdagen.control.reference_motion import Reference
+    from hdagen.simulation.simulator import Simulation
+
+EXAMPLE = """example:
+  hdagen simulate paper --controller admittance_cartesian --push 3 4 15 0 --push 6 7 0 15 --gain stiffness_x=800 --out
+  circle.parquet"""
+
+LAWS = ("position", "impedance_cartesian", "impedance_joint", "admittance_cartesian", "admittance_joint", "mpc")
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments.
+
+    Args:
+        commands: The subparsers of `hdagen`.
+
+    """
+    p = commands.add_parser(
+        "simulate",
+        help="drive the compiled arm around a circle, push it, and write the log",
+        description="A controller drives the compiled arm around a circle: dry friction, encoders, noise.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("robot", nargs="?", default="paper", help="a preset or a robot.toml (default: paper)")
+    p.add_argument("--built", action="store_true", help="ROBOT is the folder of a build, whose compiled code is run")
+    p.add_argument("--controller", choices=LAWS, default="impedance_cartesian")
+    p.add_argument("--config", default=None, metavar="controller.toml", help="of --controller mpc; see docs/mpc.md")
+    p.add_argument(
+        "--gain",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a gain of the controller, SI; may be repeated",
+    )
+    p.add_argument(
+        "--push",
+        action="append",
+        nargs=4,
+        type=float,
+        default=[],
+        metavar=("FROM", "TO", "FX", "FY"),
+        help="s, s, N, N; may be repeated",
+    )
+    p.add_argument("--seconds", type=float, default=10.0)
+    p.add_argument("--radius", type=float, default=0.05, help="of the circle, m")
+    p.add_argument(
+        "--center",
+        nargs=2,
+        type=float,
+        default=None,
+        metavar=("X", "Y"),
+        help="of the circle, m (default: two thirds of the reach)",
+    )
+    p.add_argument("--turn", type=float, default=5.0, help="seconds a turn")
+    p.add_argument(
+        "--safe", choices=("zero", "damping"), default="damping", help="what the controller does after a fault"
+    )
+    p.add_argument("--delay", type=int, default=0, help="ticks from a sample to its use")
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--profile", choices=("portable", "native"), default="portable")
+    p.add_argument(
+        "--out", type=Path, default=Path("simulated.parquet"), help=".parquet or .csv (default: simulated.parquet)"
+    )
+    p.add_argument("--json", action="store_true", help="print the figures as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Simulate a closed loop, write its log, print.
+
+    Args:
+        options: The parsed arguments.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        PlantError: An option is not possible, or a build fails.
+
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.arm.compiled_arm import Arm, load
+    from hdagen.control.guarded_controller import Controller, Guard, Safe
+    from hdagen.log.data_table import unwritable
+    from hdagen.log.measured_log import write
+    from hdagen.simulation.simulated_sensors import Sensors
+    from hdagen.simulation.simulator import Push
+    from hdagen.simulation.simulator import run as simulate
+
+    if problems := unwritable(options.out):
+        raise PlantError("\n".join(f"--out {problem}" for problem in problems))
+    if options.controller == "mpc":
+        return _predictive(options)
+    if options.config:
+        raise PlantError("--config is of the predictive controller; take --controller mpc, or leave it out.")
+    gains = _gains(options.gain)
+    arm = Arm(options.robot) if options.built else load(options.robot, profile=options.profile)
+    damping = tuple(20 * j["drive"]["motor_inertia"]["nominal"] for j in arm.robot["joints"])  # motors stop in 1/20 s
+    guard = Guard(Safe[options.safe.upper()], safe_damping=damping)
+    controller = Controller(arm, options.controller, guard, gains)
+    path = _path(options, arm, controller.guard.period)
+    pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("simulating", total=len(path.position))
+
+        def progress(done: int, _: int) -> None:
+            bar.update(task, completed=done)
+
+        sensors = Sensors(delay=options.delay)
+        result = simulate(arm, controller, path, pushes, sensors, options.seed, progress=progress)
+    write(result.log, options.out)
+    figures = {"log": str(options.out), "rows": len(result.log), **_figures(arm, controller, path, result)}
+    if options.json:
+        print(json.dumps(figures, indent=1))
+    else:
+        print(f"{options.out}: {figures['rows']} rows of {arm.robot['name']} under {options.controller}")
+        _print(figures)
+    return 0
+
+
+def _path(options: argparse.Namespace, arm: Arm, period: float) -> Reference:
+    from hdagen.control.reference_motion import circle
+
+    reach = sum(joint["length"]["nominal"] for joint in arm.robot["joints"])
+    center = tuple(options.center or (2 * reach / 3, 0.0))
+    return circle(options.radius, center, options.turn, options.seconds, period)
+
+
+def _predictive(options: argparse.Namespace) -> int:
+    """The same with the predictive controller, whose record goes beside the log."""
+    from hdagen.arm.build_loader import PlantError
+    from hdagen.arm.compiled_arm import load
+    from hdagen.control.reference_motion import to_joints
+    from hdagen.mpc.configuration import Configuration, read
+    from hdagen.mpc.recorded_simulation import lines, simulated
+    from hdagen.mpc.tick_record import beside
+    from hdagen.simulation.simulated_sensors import Sensors
+    from hdagen.simulation.simulator import Push
+
+    c = Configuration()
+    if options.config:
+        c = read(options.config)
+    if options.gain:
+        raise PlantError("--gain is of the other controllers; the predictive one takes --config controller.toml.")
+    if options.built:
+        raise PlantError("--built is of the other controllers; the predictive one is built for its configuration.")
+    arm = load(options.robot, profile=options.profile, mpc=c)
+    path = _path(options, arm, float(c["mpc.period"]))
+    if c["mpc.space"] == "joint":
+        path = to_joints(arm, path, [0.6] * arm.n)
+    pushes = [Push(a, b, (x, y)) for a, b, x, y in options.push]
+    found, result = simulated(arm, c, path, pushes, Sensors(delay=options.delay), options.seed, options.out)
+    if options.json:
+        figures: dict[str, Any] = {"log": str(options.out), "record": str(beside(options.out))}
+        if result:
+            figures |= asdict(result)
+        print(json.dumps(figures, indent=1))
+    else:
+        print(f"{options.out} and {beside(options.out)}: {len(found.times)} rows of {arm.robot['name']} under mpc")
+        print("\n".join(lines(found, result)))
+    return 0
+
+
+def _gains(given: list[str]) -> dict[str, float]:
+    from hdagen.arm.build_loader import PlantError
+
+    gains = {}
+    for text in given:
+        name, _, value = text.partition("=")
+        try:
+            gains[name] = float(value)
+        except ValueError:
+            raise PlantError(f"--gain {text}: give NAME=VALUE with a number, for instance stiffness_x=800.") from None
+    return gains
+
+
+def _figures(arm: Arm, controller: Controller, path: Reference, result: Simulation) -> dict[str, Any]:
+    import numpy as np
+
+    from hdagen.simulation.simulator import ideal
+
+    against, goal = "the circle", path.position
+    if "mass_x" in controller.gains:
+        against = "the ideal mass-damper-spring motion"
+        goal = goal + ideal(arm, controller, result.push, path.period)
+    gap = np.linalg.norm(result.tip - goal, axis=1)
+    refused, first = result.status[result.status < 0], None
+    if len(refused):
+        first = controller.sentence(int(refused[0]))
+    return {
+        "against": against,
+        "largest_gap": float(gap.max()),
+        "rms_gap": float(np.sqrt(np.mean(gap**2))),
+        "largest_ideal_displacement": float(np.linalg.norm(goal - path.position, axis=1).max()),
+        "ticks_limited": int((result.status > 0).sum()),
+        "ticks_refused": len(refused),
+        "first_refusal": first,
+        "rows_beyond_spring_law": result.beyond_law,
+    }
+
+
+def _print(figures: dict[str, Any]) -> None:
+    largest, rms = 1e3 * figures["largest_gap"], 1e3 * figures["rms_gap"]
+    print(f"tip against {figures['against']}: {largest:.2f} mm at most, {rms:.2f} mm rms")
+    why = ""
+    if figures["ticks_refused"]:
+        why = f": {figures['first_refusal']}"
+    print(f"ticks limited {figures['ticks_limited']}, refused {figures['ticks_refused']}{why}")
+    if beyond := figures["rows_beyond_spring_law"]:
+        print(f"the torsion lay beyond the spring law in {beyond} rows; there the law is its tangent.")

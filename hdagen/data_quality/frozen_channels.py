@@ -1,0 +1,199 @@
+"""Checks for channels that are frozen while their joint moves, and for readings that are saturated at a bound."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hdagen.data_quality.finding import Finding, Severity
+from hdagen.data_quality.inputs import INPUTS, PAIRS
+from hdagen.data_quality.inputs_vs_motion import Motion, unexplained
+from hdagen.log.channel_statistics import Channel
+from hdagen.log.measured_log import Log
+from hdagen.support.row_runs import stretches
+
+_INPUT_RUN, _POSITION_RUN = 0.01, 0.03  # s at one value that count; a slow encoder stands still at a reversal
+_ROWS = 5
+_NEAR = 4  # rows beside a run, whose median move is its speed
+_FAST = 0.2  # share of the usual speed from which a motion is not about to turn
+_ABRUPT = 2.0  # times the largest change of speed elsewhere in the log
+_MOST, _NOISES = 0.95, 4.0  # share of rows in which a measurement is its command, within so many times its noise
+_PASSIVE = 0.25  # share of the strongest joint's input that a joint which is not driven may read
+_BEYOND = 3.0  # times the fit's error, by which the motion must require more than a saturated input
+_SHARE = 0.05  # of the bound, by which it must do so, too
+
+
+def still(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Find encoders and inputs that stay at one value while their joint moves.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+
+    Returns:
+        The findings.
+
+    """
+    findings = []
+    for joint in range(1, log.n_joints + 1):
+        sides = [name for side in ("motor", "joint") if (name := f"{side}_position_{joint}") in channels]
+        moving = [name for name in sides if channels[name].moves]
+        if not moving:
+            continue
+        inputs = [name for base in INPUTS if (name := f"{base}_{joint}") in channels]
+        driven = [name for name in inputs if not channels[name].constant]
+        findings += [
+            _unread(channels[name], f"{moving[0]} moves", joint)
+            for name in sides
+            if name not in moving and channels[name].constant
+        ]
+        if driven and not _passive(log, channels, joint):
+            findings += [
+                _unread(channels[name], f"{driven[0]} does not", joint)
+                for name in inputs
+                if name not in driven and not _kept(log, channels[name], channels, joint)
+            ]
+        elif inputs:
+            findings.append(_driven_by_nothing([channels[name] for name in inputs], joint))
+    return findings
+
+
+def _passive(log: Log, channels: Mapping[str, Channel], joint: int) -> bool:
+    """Whether a joint is commanded 0 all along, and its measured input is small beside the other joints'."""
+    for commanded, measured in PAIRS:
+        command, name = channels.get(f"{commanded}_{joint}"), f"{measured}_{joint}"
+        if command is not None and command.low == command.high == 0.0 and name in log:
+            sizes = [np.std(log[f"{measured}_{j}"]) for j in range(1, log.n_joints + 1) if f"{measured}_{j}" in log]
+            return bool(np.std(log[name]) < _PASSIVE * max(sizes))
+    return False
+
+
+def _kept(log: Log, command: Channel, channels: Mapping[str, Channel], joint: int) -> bool:
+    """Whether the measured input stays at the command's one value, but for noise and the rise to it."""
+    for commanded, measured in PAIRS:
+        found = channels.get(f"{measured}_{joint}")
+        if command.name == f"{commanded}_{joint}" and found is not None:
+            return bool(np.quantile(np.abs(log[found.name] - command.low), _MOST) < _NOISES * found.noise)
+    return False
+
+
+def _unread(channel: Channel, other: str, joint: int) -> Finding:
+    """A finding that a channel is not read, as ``other`` moves meanwhile."""
+    sentence = (
+        f"{channel.name} stays at {channel.low:.5g} while {other}: it is not read; repair that and record again, or "
+        f'leave it out with ignore = ["{channel.name}"] in columns.toml.'
+    )
+    return Finding(Severity.REFUSE, "still", joint, sentence)
+
+
+def _driven_by_nothing(inputs: list[Channel], joint: int) -> Finding:
+    """A finding for a joint that moves while its input does not.
+
+    It may be pulled along by the others, fall or coast; otherwise its input was not recorded, which the robot's model
+    decides (`against_model.driven`). A measurement has noise, so an input at one value was not measured.
+    """
+    constant = [c for c in inputs if c.constant]
+    channel = next((c for c in constant if "_command_" not in c.name), constant[0])
+    says = f"{channel.name} stays at {channel.low:.5g} while joint {joint} moves"
+    if channel.low == 0.0 and "_command_" in channel.name:
+        sentence = f"{says}: a passive joint, or an input that was not recorded; if it was driven, record its input."
+        return Finding(Severity.WARN, "still", joint, sentence)
+    sentence = f"{says}: the input was not recorded; record the current or torque that drives it."
+    return Finding(Severity.REFUSE, "still", joint, sentence)
+
+
+def cut_positions(log: Log, channels: Mapping[str, Channel]) -> list[Finding]:
+    """Find positions that stand at an extreme and go on from it as fast as they came: the sensor's range has ended.
+
+    A joint that sticks or strikes a stop has to be accelerated again, and is at rest before it moves off.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+
+    Returns:
+        The findings.
+
+    """
+    findings = []
+    for joint in range(1, log.n_joints + 1):
+        for name in (f"{side}_position_{joint}" for side in ("motor", "joint")):
+            if name not in channels or not channels[name].moves:
+                continue
+            if runs := _cut_runs(log, name):
+                rows = sum(stop - start for start, stop in runs)
+                sentence = (
+                    f"{name} stands at {channels[name].low:.5g} or {channels[name].high:.5g} and goes on as fast as it "
+                    f"came, {rows} row(s) in all, first from row {runs[0][0] + 1} ({log.time[runs[0][0]]:.6g} s): the "
+                    "sensor's range has ended; record a motion within it."
+                )
+                findings.append(Finding(Severity.REFUSE, "saturated", joint, sentence))
+    return findings
+
+
+def cut_inputs(log: Log, channels: Mapping[str, Channel], moving: Motion) -> list[Finding]:
+    """Find inputs that stand at an extreme while the motion requires more: the recording is saturated, not the drive.
+
+    Args:
+        log: to be checked.
+        channels: statistics of its columns, by name.
+        moving: the smoothed motion of the log.
+
+    Returns:
+        The findings.
+
+    """
+    findings = []
+    for one, joint in enumerate(moving.joints):
+        for name in (f"{base}_{joint}" for base in INPUTS):
+            if name not in channels or channels[name].constant:
+                continue
+            held = np.zeros(len(log), bool)
+            for start, stop in _runs(log, name, _INPUT_RUN):
+                held[start:stop] = True
+            if not held.any():
+                continue
+            beyond = unexplained(log, moving, one, name, held)
+            if beyond is None:
+                continue
+            excess, error = beyond
+            bound = max(abs(channels[name].low), abs(channels[name].high))
+            if excess > _BEYOND * error and excess > _SHARE * bound:
+                sentence = (
+                    f"{name} stands at {channels[name].low:.4g} or {channels[name].high:.4g} in "
+                    f"{100 * np.count_nonzero(held) / len(log):.2g} % of the rows, and the motion there asks for "
+                    f"{excess:.3g} more: the recording is cut off; widen its range and record again."
+                )
+                findings.append(Finding(Severity.REFUSE, "saturated", joint, sentence))
+    return findings
+
+
+def _runs(log: Log, name: str, shortest: float) -> list[tuple[int, int]]:
+    """Rows [start, stop) in which the column stays at its smallest or largest value for at least ``shortest`` s."""
+    values, least = log[name], max(_ROWS, round(shortest / log.period))
+    runs = []
+    for extreme in (values.min(), values.max()):
+        runs += [(int(a), int(b)) for a, b in stretches(values == extreme) if b - a >= least]
+    return sorted(runs)
+
+
+def _cut_runs(log: Log, name: str) -> list[tuple[int, int]]:
+    """Runs at an extreme that the joint enters and leaves at full speed, from one row to the next.
+
+    The speed changes there by far more than anywhere else: no drive can do that twice in a row.
+    """
+    values, runs = log[name], _runs(log, name, _POSITION_RUN)
+    moves = np.diff(values) / np.maximum(np.rint(np.diff(log.time) / log.period), 1)
+    usual = float(np.sqrt(np.mean(moves**2)))
+    away = np.ones(len(moves) - 1, bool)  # of the changes of speed, those beside no run
+    for start, stop in runs:
+        away[max(start - 3, 0) : stop + 2] = False
+    elsewhere = float(np.abs(np.diff(moves))[away].max(initial=0.0))
+    least = max(_FAST * usual, _ABRUPT * elsewhere)
+    cut = []
+    for start, stop in runs:
+        sides = (moves[max(start - 1 - _NEAR, 0) : start - 1], moves[stop : stop + _NEAR])
+        if all(len(side) == _NEAR and np.abs(np.median(side)) > least for side in sides):
+            cut.append((start, stop))
+    return cut

@@ -1,0 +1,45 @@
+"""Whether data determine the terms of a least-squares fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+
+ROWS = 5  # rows for each term of a fit at least
+TURN = 2 * np.pi
+
+
+def is_determined(terms: Array) -> bool:
+    """Tell whether a fit has several rows of data for each of its terms.
+
+    Args:
+        terms: (rows, terms), the regressors of the fit.
+
+    Returns:
+        Whether there are at least five rows for each column.
+
+    """
+    return len(terms) >= ROWS * terms.shape[1]
+
+
+def resolved_orders(angle: Array, orders: Iterable[int]) -> list[int]:
+    """Choose the ripple orders that data at some angles can determine together.
+
+    Args:
+        angle: (K,) of the motor, rad, not wrapped.
+        orders: Cycles a turn.
+
+    Returns:
+        None of the orders where the angles span less than a turn, for a ripple then looks like a trend. Otherwise the
+        orders whose half cycle is wider than any part of the turn without an angle, and for which there are rows.
+
+    """
+    if not len(angle) or np.ptp(angle) < TURN:
+        return []
+    within = np.sort(np.mod(angle, TURN))
+    widest = float(np.diff(within, append=within[0] + TURN).max())
+    finest = min(np.pi / widest, (len(angle) / ROWS - 1) / 2)
+    return [k for k in orders if k <= finest]

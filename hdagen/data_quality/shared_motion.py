@@ -1,0 +1,162 @@
+"""Motion that two logs share, row for row: one recording given twice, whole, cut, thinned or with other time stamps.
+
+A fit that is judged by the rows it was made from looks better than it is, so rows that an earlier log holds count in no
+later one. Two recordings of one motion differ in most rows in motion, even if only by a count of an encoder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdagen.log.column_map import split_name
+from hdagen.log.measured_log import Log
+
+POSITIONS = ("motor_position", "joint_position")
+# Share of a position's noise; two recordings differ by more in most rows, even by whole counts
+_EXACT = 0.25
+_STRETCH, _ALIKE = 100, 0.9  # rows in motion of a stretch, and the share of them that must be found
+_LOOKS = 64  # stretches of a log that are looked for in another
+_TURN = 2 * np.pi
+
+Mask = NDArray[np.bool_]
+Span = tuple[float, float]  # s
+
+
+@dataclass(frozen=True)
+class Shared:
+    """A motion that two logs share: its begin and end in the time of each, s."""
+
+    one: Span
+    other: Span
+
+    @property
+    def exchanged(self) -> Shared:
+        """The same motion, of the logs in the other order."""
+        return Shared(self.other, self.one)
+
+
+def fresh_rows(log: Log, shared: Sequence[Shared]) -> Mask:
+    """Find the rows of a log whose motion no other log holds.
+
+    Args:
+        log: The log, the second one in each of ``shared``.
+        shared: The motions that it shares.
+
+    Returns:
+        (T), true in rows outside these motions.
+
+    """
+    fresh = np.ones(len(log), bool)
+    for one in shared:
+        fresh &= (log.time < one.other[0]) | (log.time > one.other[1])
+    return fresh
+
+
+@np.errstate(invalid="ignore")  # a log that is refused may hold anything
+def shared_motion(one: Log, other: Log, noise: Mapping[str, float]) -> list[Shared]:
+    """Find where two logs hold the same recording.
+
+    Stretches of the log with fewer rows a second are looked for in the other one: rows that have, after the same times,
+    the same measured positions to a part of their ``noise``, whole turns apart. At rest counts can be equal, so only
+    rows beside a change count. A stretch that is found is extended to both sides as far as rows are alike.
+
+    Args:
+        one: A log.
+        other: Another log.
+        noise: Standard deviation of the channels of ``one``, by name, in their units.
+
+    Returns:
+        The shared motions in the order of ``other``'s time; none where no motion is shared.
+
+    """
+    if one.period > other.period:
+        return [found.exchanged for found in shared_motion(other, one, noise)]
+    names = [name for name in one.columns if (split_name(name) or ("", 0))[0] in POSITIONS and name in other]
+    if not names:
+        return []
+    pair = _Pair.of(one, other, names, noise)
+    found: list[Shared] = []
+    for rows in pair.looks():
+        begin = other.time[rows[0]]
+        if not any(known.other[0] <= begin <= known.other[1] for known in found):
+            for at in pair.places(rows):
+                if not any(known.one[0] <= one.time[at] <= known.one[1] for known in found):
+                    found.append(pair.followed(int(at), int(rows[0])))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """A log and another one with no more rows a second.
+
+    Attributes:
+        log: The first log.
+        other: The other log.
+        ours: (M, T), the positions of the first log.
+        theirs: (M, S), the same positions of the other log.
+        near: (M, 1), the difference up to which positions are equal.
+        between: (T − 1), the instants midway between the rows of the first log, s.
+
+    """
+
+    log: Log
+    other: Log
+    ours: np.ndarray
+    theirs: np.ndarray
+    near: np.ndarray
+    between: np.ndarray
+
+    @classmethod
+    def of(cls, log: Log, other: Log, names: Sequence[str], noise: Mapping[str, float]) -> _Pair:
+        ours = np.stack([log[name] for name in names])
+        theirs = np.stack([other[name] for name in names])
+        near = _EXACT * np.array([[noise.get(name, 0.0)] for name in names]) + 1e-9 * np.abs(ours).max(1, keepdims=True)
+        return cls(log, other, ours, theirs, near, (log.time[1:] + log.time[:-1]) / 2)
+
+    def looks(self) -> Iterator[np.ndarray]:
+        """Stretches of rows in motion, all over the other log."""
+        changes = np.any(np.diff(self.theirs) != 0, axis=0)
+        moving = np.flatnonzero(np.append(changes, False) | np.append(False, changes))
+        at = np.linspace(0, max(len(moving) - _STRETCH, 0), _LOOKS).astype(int)
+        return (moving[k : k + _STRETCH] for k in np.unique(at) if moving.size)
+
+    def places(self, rows: np.ndarray) -> np.ndarray:
+        """The rows of the log at which the motion of the other log's ``rows`` begins."""
+        first, found = rows[0], np.arange(len(self.log))
+        for mine, sought, within in zip(self.ours, self.theirs[:, first], self.near, strict=True):
+            off = mine[found] - sought
+            found = found[np.abs(off - _TURN * np.rint(off / _TURN)) <= within]
+        for part in (rows[1::10], rows[1:]):  # the few first: they leave hardly any place
+            found = found[np.mean(self.alike(found[:, None], int(first), part), axis=1) > _ALIKE]
+        return found
+
+    def alike(self, at: np.ndarray, first: int, rows: np.ndarray) -> Mask:
+        """Whether the other log has moved from its row ``first`` to each of ``rows`` (R) as the log has from its rows
+        ``at`` (K, 1) on: (K, R)."""
+        time = self.log.time[at] + (self.other.time[rows] - self.other.time[first])
+        same = np.searchsorted(self.between, time)
+        off = self.ours[:, same] - self.ours[:, at] - (self.theirs[:, rows] - self.theirs[:, [first]])[:, None]
+        return np.asarray(np.all(np.abs(off) <= self.near[:, :, None], axis=0))
+
+    def followed(self, at: int, first: int) -> Shared:
+        """The motion shared about row ``at`` of the log, which is row ``first`` of the other one.
+
+        It reaches as far as most rows of each stretch are alike, within both logs.
+        """
+        late = self.log.time[at] - self.other.time[first]
+        begin, end = np.searchsorted(self.other.time + late, self.log.time[[0, -1]])
+        rows = np.arange(begin, min(end + 1, len(self.other)))
+        same = np.append(0, np.cumsum(self.alike(np.array([[at]]), first, rows)[0]))
+        length = min(_STRETCH, len(rows))
+        share = (same[length:] - same[:-length]) / length  # of the rows from each one on
+        good, k = share > _ALIKE, min(first - begin, len(share) - 1)
+        before, after = (int(np.argmin(np.append(side, False))) for side in (good[k::-1], good[k:]))
+        low, high = (
+            float(self.other.time[rows[min(max(row, 0), len(rows) - 1)]])
+            for row in (k + 1 - before, k + after + length - 2)
+        )
+        return Shared((low + late, high + late), (low, high))

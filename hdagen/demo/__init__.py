@@ -1,0 +1,1 @@
+"""What `hdagen demo` simulates, replays and shows."""

@@ -1,0 +1,257 @@
+"""The numbers of `hdagen demo`: the arm on a circle and pushed, under two laws; its torque estimate; replays.
+
+The arm of preset `paper`, dry friction set-valued, encoders and noise as its robot file says. The bar: pushed, the tip
+moves as the ideal mass, damper and spring would, within a tenth of the largest ideal displacement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm, load
+from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.reference_motion import Reference, circle
+from hdagen.demo.shipped_logs import Replayed, data_folder, emps, shipped
+from hdagen.simulation.simulator import Push, Simulation, ideal, run
+
+ROBOT = "paper"
+LAWS = ("impedance_cartesian", "admittance_cartesian")
+RADIUS, CENTER, TURN, SECONDS = 0.05, (0.2, 0.0), 5.0, 10.0  # m, m, s, s: the circle of the paper, Fig. 11
+PUSHES = (
+    Push(3.0, 4.0, (15.0, 0.0)),
+    Push(6.0, 7.0, (0.0, 15.0)),
+)  # as in Fig. 11; 15 N is enough to turn a drive at rest
+SAFE_DAMPING = (0.002, 0.002)  # N m s/rad at the motors: after a fault they stop within J/d = 65 ms
+BAR = 0.10  # of the largest ideal displacement
+SMOOTHING = 0.015  # s, of the cubic through the angles that gives the estimate its speed and acceleration
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One law on the circle. ``moved`` and ``ideal`` (T, 2, m): how far the tip is off the circle, and how far
+    M ẍ + B ẋ + K x = F says; ``points`` (T, n + 1, 2, m): base, joints and tip; ``fault``: the sentence of the first
+    refused tick, or nothing."""
+
+    law: str
+    gains: Mapping[str, float]
+    reference: Reference
+    simulation: Simulation
+    moved: Array
+    ideal: Array
+    points: Array
+    fault: str
+
+    @property
+    def gap(self) -> Array:
+        """How far the tip is from where the ideal puts it, (T,) m."""
+        return np.linalg.norm(self.moved - self.ideal, axis=1)
+
+    @property
+    def largest_ideal(self) -> float:
+        """m."""
+        return float(np.linalg.norm(self.ideal, axis=1).max())
+
+    @property
+    def share(self) -> float:
+        """The largest gap in parts of the largest ideal displacement."""
+        return float(self.gap.max()) / self.largest_ideal
+
+    @property
+    def holds(self) -> bool:
+        """Whether the bar is met, with no tick refused."""
+        return self.share <= BAR and not self.fault
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """Joint torques (T, n, N m): true, and estimated without a torque sensor."""
+
+    true: Array
+    series: Array
+    dynamic: Array
+
+    def rms(self, estimate: Array) -> Array:
+        """Compute the rms error of an estimate.
+
+        Args:
+            estimate: Joint torques, (T, n) N m.
+
+        Returns:
+            The error of each joint, (n,) N m.
+
+        """
+        return np.sqrt(np.mean((estimate - self.true) ** 2, axis=0))
+
+
+def follow(arm: Arm, law: str, gains: Mapping[str, float] | None = None, seed: int = 0) -> Followed:
+    """Drive the tip around the circle under one law, and push it.
+
+    Args:
+        arm: The arm.
+        law: Name of the control law.
+        gains: Its gains, SI; None: its own.
+        seed: Seed of the sensors' noise.
+
+    Returns:
+        The run, beside the ideal motion.
+
+    Raises:
+        PlantError: The arm has no such law, or refuses the gains.
+
+    """
+    controller = Controller(arm, law, Guard(Safe.DAMPING, safe_damping=SAFE_DAMPING), gains)
+    reference = circle(RADIUS, CENTER, TURN, SECONDS, controller.guard.period)
+    result = run(arm, controller, reference, PUSHES, seed=seed)
+    joint = [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
+    points = arm.evaluate("points", q=result.state[:, joint])["points"].reshape(len(result.state), -1, 2)
+    refused, fault = result.status[result.status < 0], ""
+    if len(refused):
+        fault = controller.sentence(int(refused[0]))
+    return Followed(
+        law,
+        dict(controller.gains),
+        reference,
+        result,
+        result.tip - reference.position,
+        ideal(arm, controller, result.push, reference.period),
+        points,
+        fault,
+    )
+
+
+def estimate(arm: Arm, followed: Followed) -> Estimated:
+    """Estimate the joint torques from a log: the encoders' angles and the measured currents, nothing of the truth.
+
+    A cubic fitted around each row smooths the angles and gives speed and acceleration; it looks as far ahead as back,
+    so this is for logs, not for a controller.
+
+    Args:
+        arm: The arm.
+        followed: A run on the circle.
+
+    Returns:
+        The estimates beside the true torques.
+
+    """
+    from scipy.signal import savgol_filter
+
+    log, period = followed.simulation.log, followed.reference.period
+    rows = 2 * int(SMOOTHING / period / 2) + 1
+
+    def fitted(name: str, derivative: int = 0) -> Array:
+        columns = np.stack([log[f"{name}_{j}"] for j in range(1, arm.n + 1)], axis=1)
+        return savgol_filter(columns, rows, 3, deriv=derivative, delta=period, axis=0)
+
+    constant = np.array([arm.parameters[f"torque_constant_{j}"] for j in range(1, arm.n + 1)])
+    found = arm.evaluate(
+        "torque_estimate",
+        motor_position=fitted("motor_position"),
+        joint_position=fitted("joint_position"),
+        motor_velocity=fitted("motor_position", 1),
+        motor_acceleration=fitted("motor_position", 2),
+        motor_torque=constant * fitted("motor_current"),
+    )
+    return Estimated(followed.simulation.joint_torque, found["series"], found["dynamic"])
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Everything on the page. ``estimated`` is under the first law; ``uncompensated``: that law with friction not
+    observed, which shows what the bar asks and does not count."""
+
+    arm: Arm
+    followed: tuple[Followed, ...]
+    uncompensated: Followed
+    estimated: Estimated
+    replays: tuple[Replayed, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether the tip stayed within the bar under every law."""
+        return all(followed.holds for followed in self.followed)
+
+
+def show(profile: str = "portable", seed: int = 0, stage: Callable[[str], None] | None = None) -> Demo:
+    """Build the arms, simulate, estimate and replay.
+
+    Args:
+        profile: Profile of the builds, "portable" or "native".
+        seed: Seed of the sensors' noise.
+        stage: Hears the name of each stage as it begins; None: nobody.
+
+    Returns:
+        All results.
+
+    Raises:
+        PlantError: A build fails.
+        LogError: A log cannot be read.
+
+    """
+    say = stage or (lambda _: None)
+    say("building the arm")
+    arm = load(ROBOT, profile)
+    followed = []
+    for law in LAWS:
+        say(f"simulating {law.partition('_')[0]} control")
+        followed.append(follow(arm, law, seed=seed))
+    say("simulating without friction compensation")
+    uncompensated = follow(arm, LAWS[0], {"observer_bandwidth": 0.0}, seed)
+    say("estimating the joint torque")
+    estimated = estimate(arm, followed[0])
+    say("replaying the log that ships")
+    replays = [shipped(arm)]
+    if folder := data_folder():
+        say("building EMPS")
+        axis = load("emps", profile)
+        say("replaying EMPS")
+        replays.append(emps(axis, folder))
+    return Demo(arm, tuple(followed), uncompensated, estimated, tuple(replays))
+
+
+def numbers(demo: Demo) -> dict[str, Any]:
+    """Sum the demo up in figures.
+
+    Args:
+        demo: All results.
+
+    Returns:
+        Figures by name, SI, as JSON takes them.
+
+    """
+    followed = {
+        one.law: {
+            "largest_ideal_displacement": one.largest_ideal,
+            "largest_gap": float(one.gap.max()),
+            "largest_gap_share": one.share,
+            "rms_gap": float(np.sqrt(np.mean(one.gap**2))),
+            "largest_gap_time": float(one.reference.time[one.gap.argmax()]),
+            "ticks": len(one.simulation.status),
+            "ticks_limited": int((one.simulation.status > 0).sum()),
+            "ticks_refused": int((one.simulation.status < 0).sum()),
+            "first_refusal": one.fault or None,
+        }
+        for one in demo.followed
+    }
+    replays = {}
+    for one in demo.replays:
+        replays[one.name] = [
+            {"joint": j, "unit": channel.unit, "rms_residual": channel.rms, "rms_motion_in_window": channel.still}
+            for j, channel in enumerate(one.channels, 1)
+        ]
+    estimated = demo.estimated
+    return {
+        "bar": BAR,
+        "holds": demo.holds,
+        "followed": followed,
+        "largest_gap_share_without_friction_compensation": demo.uncompensated.share,
+        "torque_estimate_rms_error": {
+            "series": estimated.rms(estimated.series).tolist(),
+            "dynamic": estimated.rms(estimated.dynamic).tolist(),
+        },
+        "replays": replays,
+    }

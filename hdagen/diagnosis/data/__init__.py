@@ -1,0 +1,1 @@
+"""Rows to fit and rows to hold out, windows of them, and the gap over them."""

@@ -1,0 +1,48 @@
+"""The torque that the measured motion requires: inverse dynamics of motion smoothed without lag.
+
+Legend: K instants of an even grid, n joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.windows import Record
+from hdagen.log.channel_statistics import Even, even
+from hdagen.prediction.measurement_model import joint_angles
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Angles, speeds, and torques at the joints (K, n) at the instants of ``grid``."""
+
+    grid: Even
+    angle: Array
+    speed: Array
+    torque: Array
+
+
+def asked(arm: Arm, record: Record) -> Asked:
+    """Compute the torque that a recorded motion requires at the joints. The motor's angle stands in for a missing joint
+    encoder.
+
+    Args:
+        arm: the compiled model.
+        record: the log in windows.
+
+    Returns:
+        Smoothed motion and torque on an even grid.
+
+    """
+    log, n = record.log, arm.n
+    grid = even(log.time)
+    q = np.stack([grid.smooth(column) for column in joint_angles(arm, log).T], 1)
+    v = np.stack([grid.rate(column) for column in q.T], 1)
+    a = np.stack([grid.rate(column) for column in v.T], 1)
+    held = record.command[np.clip(np.searchsorted(log.time, grid.time, side="right") - 1, 0, None)]
+    torque = arm.evaluate("inverse_dynamics", q=q, v=v, a=a, tip_force=held[:, n:])["joint_torque"]
+    return Asked(grid, q, v, torque)

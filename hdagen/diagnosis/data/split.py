@@ -1,0 +1,141 @@
+"""Split logs into rows that the fit uses and rows that are held out.
+
+Without a hold-out log, blocks of time all over the log are held out. An event that happens once, such as a touched wall
+or a saturated current, is then as likely in the fitted rows as any other moment. The blocks lie at uneven distances, so
+that no phase of a periodic motion is held out completely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdagen.arm.arrays import Array
+from hdagen.log.concatenation import joined
+from hdagen.log.measured_log import Log
+from hdagen.support.row_runs import stretches
+
+SHARE = 0.2  # of each log, held out
+SPAN = 5.0  # s; one block of each span is held out
+SPANS = 4  # spans at least, in a log shorter than SPANS * SPAN
+UNEVEN = (np.sqrt(5) - 1) / 2  # of a span, by which a block lies later than the one before it (golden ratio)
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Portion:
+    """A log with a mask of the ``rows`` (T) that belong to the portion."""
+
+    log: Log
+    rows: Mask
+
+    @classmethod
+    def whole(cls, log: Log) -> Portion:
+        """Take all rows of a log.
+
+        Args:
+            log: the log.
+
+        Returns:
+            The portion that holds every row.
+
+        """
+        return cls(log, np.ones(len(log), bool))
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """First and last instant of each run of rows, s."""
+        return [(float(self.log.time[a]), float(self.log.time[b - 1])) for a, b in stretches(self.rows)]
+
+    def without(self, windows: Sequence[int], starts: NDArray[np.intp]) -> Portion:
+        """Leave some windows out. Where no row would remain, nothing is left out.
+
+        Args:
+            windows: first rows of the windows to leave out.
+            starts: first row of every window (W).
+
+        Returns:
+            The smaller portion.
+
+        """
+        left, ends = self.rows.copy(), np.append(starts[1:], len(self.rows))
+        for first, end in zip(starts, ends, strict=True):
+            if first in windows:
+                left[first:end] = False
+        if not left.any():
+            return self
+        return Portion(self.log, left)
+
+    def at(self, time: Array) -> Mask:
+        """Tell which instants lie in the portion, each by its nearest row.
+
+        Args:
+            time: instants (K), s.
+
+        Returns:
+            A mask (K).
+
+        """
+        return self.rows[np.clip(np.searchsorted(self.log.time, time), 0, len(self.rows) - 1)]
+
+
+def part(logs: Sequence[Log], hold_out: Sequence[Log], fresh: Sequence[Mask] = ()) -> tuple[Portion, Portion]:
+    """Split logs into fitted and held-out rows.
+
+    Args:
+        logs: logs of one machine.
+        hold_out: other motions of the same machine; without any, blocks of each log are held out.
+        fresh: a mask (T) for each log and then for each hold-out, of the rows that count; without any, all rows count.
+
+    Returns:
+        The fitted portion and the held-out portion.
+
+    """
+    counted = list(fresh) or [np.ones(len(log), bool) for log in (*logs, *hold_out)]
+    own, other = np.concatenate(counted[: len(logs)]), counted[len(logs) :]
+    if hold_out:
+        return Portion(joined(logs), own), Portion(joined(hold_out), np.concatenate(other))
+    whole, held = joined(logs), np.concatenate([blocks(log.time) for log in logs])
+    return Portion(whole, own & ~held), Portion(whole, own & held)
+
+
+def halve(portion: Portion) -> tuple[Portion, Portion]:
+    """Split held-out motion into a half for decisions and a half for reported figures, so that no figure selects
+    itself.
+
+    Args:
+        portion: rows of held-out logs.
+
+    Returns:
+        The even seconds and the odd seconds; twice the whole portion where one of them would be empty.
+
+    """
+    seconds = np.floor(portion.log.time - portion.log.time[0]).astype(int)
+    even = seconds % 2 == 0
+    halves = Portion(portion.log, portion.rows & even), Portion(portion.log, portion.rows & ~even)
+    if not all(half.rows.any() for half in halves):
+        return portion, portion
+    return halves
+
+
+def blocks(time: Array) -> Mask:
+    """Choose the rows of a log that are held out.
+
+    Args:
+        time: instants of the rows (T), s.
+
+    Returns:
+        A mask (T) of the held-out blocks.
+
+    """
+    length = float(time[-1] - time[0])
+    count = max(SPANS, round(length / SPAN))
+    spans = (time - time[0]) / max(length, np.finfo(float).tiny) * count
+    number = np.minimum(spans.astype(int), count - 1)
+    begins = (number * UNEVEN % 1.0) * (1.0 - SHARE)
+    within = spans - number
+    return np.asarray((within >= begins) & (within < begins + SHARE))

@@ -1,0 +1,73 @@
+"""Which set of effects leads, in view of motion that the fit did not see.
+
+A probability says how well a set of effects tells the short windows that it was fitted to. Another set may tell other
+motion far better. So the next sets are replayed on motion that no fit saw, and one that leaves several times as much of
+it as another cannot lead: the better one takes its place. It is not sure then, as the windows say otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from hdagen.diagnosis.data.gap import ABOVE
+from hdagen.diagnosis.decision.posterior import Decision, Hypothesis
+
+SEVERAL = 3.0  # times what another set leaves of the gap, from which on a set does not lead
+TRIED = 4  # sets beside the leading one: each costs a replay of held-out motion
+LEAST_ODDS = 1 / 4  # of the set that led, beside the one that took its place
+
+Gap = Mapping[str, Any]  # `gap` of diagnosis.json
+
+
+def lead_on_unseen_motion(decision: Decision, measure: Callable[[Decision], Gap]) -> Decision:
+    """Put the set of effects first that tells unseen motion several times better than the leading one does.
+
+    Args:
+        decision: what short windows say; of one that something unknown is at work nothing leads.
+        measure: `gap` of diagnosis.json on unseen motion, of a decision.
+
+    Returns:
+        The decision, or that for the set that leaves least, the most probable of the others that were fitted.
+
+    """
+    if decision.unknown or decision.beside or not decision.verdict:
+        return decision
+    left = float(measure(decision)["after"])
+    if left <= ABOVE:
+        return decision
+    others = [h for h in decision.hypotheses if h.names and h.names != decision.verdict and h.fit and not h.unknown]
+    tried = [exchange_leader(decision, one) for one in others[:TRIED]]
+    gaps = {one.verdict: float(measure(one)["after"]) for one in tried}
+    best = min(tried, key=lambda one: gaps[one.verdict], default=decision)
+    return best if gaps.get(best.verdict, left) * SEVERAL < left else decision
+
+
+def exchange_leader(decision: Decision, other: Hypothesis) -> Decision:
+    """Put another set in the place of the leading one.
+
+    Args:
+        decision: what is said.
+        other: one of its hypotheses, which was fitted.
+
+    Returns:
+        The decision for the other set, which takes the probability of the leading one, but for a share that makes it
+        unsure; the leading one keeps that share.
+
+    """
+    assert other.fit is not None
+    lead = next(h for h in decision.hypotheses if h.names == decision.verdict)
+    both = lead.probability + other.probability
+    kept = both * LEAST_ODDS / (1.0 + LEAST_ODDS)
+    first, second = replace(other, probability=both - kept), replace(lead, probability=kept)
+    rest = [h for h in decision.hypotheses if h not in (lead, other)]
+    found = sorted([first, second, *rest], key=lambda h: -h.probability)
+    return replace(
+        decision,
+        hypotheses=tuple(found),
+        verdict=other.names,
+        probability=first.probability,
+        stated=first.probability,
+        best=other.fit,
+    )

@@ -1,0 +1,80 @@
+"""How far the fitted sets predict long windows, and the log odds that this costs them.
+
+With short windows, each set has its own torques that no effect explains. Where a machine has such torques they grow
+until they stand in for a friction that changes as slowly, and then all sets look alike. A simulation over windows of
+`hdagen.prediction.window_replay.WINDOW` has no such torque: its error is all that a set does not explain. So a set with
+several times the best set's error does not lead, however likely short windows make it.
+
+A block of a second counts as one observation of unknown scale, with the likelihood 1 / e. Of B blocks a set loses, of
+its log odds,
+
+    B max(mean_b log(e_b / e*_b) − log MARGIN, 0),
+
+with e_b (at least the noise) its error in block b, and e* that of the set with the least error in all. The margin
+spares sets with about the same error: there the short windows decide.
+
+Source: Ljung, System Identification (1999), 16.4 (models compared by what they predict over a horizon); Jeffreys,
+Theory of Probability (1961), 3.1 (a scale that is not known).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.gap import block_errors
+from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.inference.local_fit import Fitted
+from hdagen.diagnosis.search.fit_order import charge_effects
+from hdagen.diagnosis.search.hypothesis_search import Search
+from hdagen.prediction.window_replay import Replay
+from hdagen.support.parallel import together
+
+MARGIN = 1.5  # times the best set's error, up to which short windows decide; `standing.MOST` grants the same
+MOST = 8  # sets beside the null model: each costs a replay of the log
+
+
+def weigh_predictions(
+    found: Search, shown: Portion, replay: Callable[[Arm], Replay]
+) -> Mapping[tuple[str, ...], float]:
+    """Compute the log odds that prediction over long windows costs the fitted sets.
+
+    Args:
+        found: the search, with each set at its optimum.
+        shown: the motion that the fits used.
+        replay: replays ``shown`` on an arm.
+
+    Returns:
+        For the null model and each of the most promising sets, by their names: 0, or less for a set whose error exceeds
+        `MARGIN` times the best one's.
+
+    Raises:
+        PlantError: a model cannot be simulated.
+
+    """
+    sets: dict[tuple[str, ...], Fitted] = {}
+    for fit in sorted(found.fitted, key=lambda fit: -charge_effects(fit.reached, fit, fit.excess)):
+        if not fit.atoms or len(sets) <= MOST:
+            sets.setdefault(fit.names, fit)
+    arms = [fit.design.shooting.arm.at(fit.design.point.p) for fit in sets.values()]
+    lost = compare_errors(block_errors(together(replay, arms), shown))
+    return dict(zip(sets, lost.tolist(), strict=True))
+
+
+def compare_errors(errors: Array) -> Array:
+    """Compute the log odds that each model's errors cost it.
+
+    Args:
+        errors: errors of each model (L, blocks), in multiples of the noise.
+
+    Returns:
+        Log odds (L), at most 0.
+
+    """
+    logs = np.log(np.maximum(np.where(np.isfinite(errors), errors, np.finfo(float).max), 1.0))
+    behind = logs.mean(1) - logs.mean(1).min()
+    return np.asarray(-errors.shape[1] * np.maximum(behind - math.log(MARGIN), 0.0))

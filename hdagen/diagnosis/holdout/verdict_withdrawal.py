@@ -1,0 +1,285 @@
+"""The check of a verdict on held-out motion, which the fit did not see.
+
+A fit sees short windows, each with its own initial state. An effect that acts at few places, or slowly, hardly shows
+there, and a little of many effects within tolerance stands in for it. Elsewhere, and over longer windows, it does not.
+So the verdict is checked joint by joint on motion that was kept from the fit.
+
+A known effect is confirmed where the verdict closes a third of its joint's error. The short windows may leave so much
+torque unexplained that something unknown is more probable than any known effect. Then a known effect is confirmed all
+the same, as long as the base parameters alone do not close as much; its probability depends on the error that is left.
+No known effect takes the place of something unknown if it would have to be larger than any such effect is. Where no
+known effect is confirmed, the verdict names something unknown alone, at the joint with the largest error left.
+
+Remainders beside named effects do not compete with these: `hdagen.diagnosis.holdout.unexplained_remainder`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+from hdagen.adoption import verdict
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.gap import ABOVE, by_channel
+from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.decision.posterior import LEAST, SURE, Decision, Hypothesis, decided
+from hdagen.diagnosis.holdout.small_effects import Fits, without
+from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
+from hdagen.prediction.window_replay import Replay
+
+MOST = 2 / 3  # of what every encoder of a joint errs by, that may be left: what leaves more explains something else
+NOTHING = 0.9  # of the same, or of a gap, from which on a verdict closes next to nothing
+NOISE = 1.2  # gap on held-out motion, in multiples of the noise, below which there is nothing to explain
+FAR = 100.0  # of the same, from which on what is left is no small matter, whatever else leaves
+STEEPLY = 4.0  # power of what is left in the odds
+LEAST_ODDS = SURE / (1.0 - SURE)  # of something unknown where short windows say so: what is named is then not sure
+
+
+def stands(
+    plain: Arm,
+    named: Arm,
+    content: dict[str, Any],
+    motions: Sequence[UnseenMotion],
+    alone: Mapping[str, Any] = MappingProxyType({}),
+) -> tuple[Arm, Replay]:
+    """Withdraw the parts of a verdict that do not close the gap on held-out motion.
+
+    Base parameters that spoil a verdict are withdrawn first, then the verdict. Something unknown stays, as it predicts
+    no motion. Beside it, base parameters that were refitted with effects which are not named may be wrong, and those
+    that were refitted alone may close the gap.
+
+    Args:
+        plain: the robot file's model.
+        named: the model with the verdict's effects.
+        content: of diagnosis.json; receives the verdict that stays, and the gap on the last motion.
+        motions: the verdict must predict each of them better than the robot file does.
+        alone: the base parameters as they are refitted with no effect, in the form of ``content``.
+
+    Returns:
+        The model with the verdict that stays, and its replay of the last motion.
+
+    Raises:
+        PlantError: a model cannot be simulated.
+
+    """
+    fitted: dict[str, Any] = content["parameters"]
+    last = motions[-1]
+    bases = [fitted, dict(alone), {}] if verdict.read(content).unknown else [fitted, {}]
+    for base in bases:
+        content["parameters"] = base
+        said = verdict.read(content)
+        arm = verdict.applied(named, said)[0]
+        replays = [motion.simulate(arm) for motion in motions]
+        gaps = [motion.measure_gap(after) for motion, after in zip(motions, replays, strict=True)]
+        content["gap"] = gaps[-1]
+        if all(gap["before"] >= NOISE and _closes(gap, bool(said.unknown and base)) for gap in gaps):
+            return named, replays[-1]
+    kept = [f"unknown@{joint}" for joint in said.unknown] if content["gap"]["before"] >= NOISE else []
+    content |= {"verdict": kept, "sure": False, "where": []}
+    content["gap"] = last.measure_gap(last.before)
+    return plain, last.before
+
+
+def _closes(told: dict[str, Any], bent: bool) -> bool:
+    """Whether a gap is smaller after, as `gap` has it.
+
+    Beside something unknown, base parameters are ``bent`` to the motion of the log: there the whole interval must lie
+    above next to nothing.
+    """
+    surely = told["interval"][0] > 1.0 - NOTHING if bent and told["interval"] else True
+    return bool(told["after"] < told["before"] and surely)
+
+
+def leaves_little(after: float, others: Sequence[float]) -> bool:
+    """Say whether a verdict leaves so little of the gap that it can be sure.
+
+    Args:
+        after: gap with the verdict, in multiples of the noise.
+        others: gap with each other set of effects, and with a flexible correction, in multiples of the noise.
+
+    Returns:
+        False where many times the noise is left and something else leaves far less, or very many times the noise.
+
+    """
+    return after <= ABOVE or (after <= FAR and min(others, default=after) > MOST * after)
+
+
+def doubted(
+    decision: Decision, fitted: Fits, said: Sequence[str], motion: UnseenMotion, after: Replay
+) -> tuple[Decision, dict[str, Any] | None]:
+    """Doubt the effects of a verdict that held-out motion does not confirm.
+
+    Args:
+        decision: to be checked; one that names something unknown stays as it is.
+        fitted: the fits of a search, by their sets of effects.
+        said: the effects that close the gap, name@joint.
+        motion: held-out motion.
+        after: its replay with these effects.
+
+    Returns:
+        The decision with the confirmed effects, if these were fitted by themselves, or with something unknown where
+        none is confirmed. And `doubted` of diagnosis.json, the verdict before and the share of a joint's error that is
+        left; None if nothing is doubted.
+
+    Raises:
+        PlantError: the model cannot be simulated.
+
+    """
+    if decision.unknown:
+        return decision, None
+    whole = motion.simulate(use_whole(decision))
+    named = {int(name.partition("@")[2]) for name in said}
+    left = leave_shares(motion.before, after, whole, motion.portion, named)
+    joint, share = max(left.items(), key=lambda one: one[1], default=(0, 0.0))
+    if share <= MOST:
+        return decision, None
+    standing = tuple(name for name in said if _least_left(name, left) <= MOST)
+    told = {"verdict": list(decision.verdict), "joint": joint, "left": share}
+    if not standing:
+        return _at_odds(decision, (share / MOST) ** STEEPLY, joint), told
+    if standing == decision.verdict:
+        return decision, None
+    fewer = without(decision, fitted, *(name for name in decision.verdict if name not in standing))
+    return (fewer, told) if fewer else (decision, None)
+
+
+def _least_left(name: str, left: Mapping[int, float]) -> float:
+    """The share of the error that is left at the joint of an effect, name@joint; of the whole arm the least share."""
+    joint = int(name.partition("@")[2])
+    return left.get(joint, 1.0) if joint else min(left.values(), default=1.0)
+
+
+def known(decision: Decision) -> Decision:
+    """Conclude the verdict as if nothing unknown were present.
+
+    Args:
+        decision: with or without something unknown.
+
+    Returns:
+        The decision among known effects.
+
+    """
+    return _at_odds(decision, 0.0, 1)
+
+
+def outsized(content: dict[str, Any]) -> bool:
+    """Say whether an effect of a verdict has a size at an end of its range, larger or smaller than any known one.
+
+    Args:
+        content: of diagnosis.json.
+
+    Returns:
+        True if one has.
+
+    """
+    causes = (one for one in content["causes"] if f"{one['effect']}@{one['joint']}" in content["verdict"])
+    sizes = (q for cause in causes for q in cause["parameters"].values() if q["std"] is not None)  # a shape has none
+    return any(q["end"] for q in sizes)
+
+
+def borne_out(decision: Decision, said: Sequence[str], motion: UnseenMotion, alone: Replay) -> Decision:
+    """Reweigh a verdict of something unknown against known effects, on held-out motion.
+
+    The odds of something unknown fall with the error that the known effects leave, at the joint with the largest share
+    left. They fall again where a flexible correction leaves more. Where it leaves less, an unknown structure is there:
+    short windows have searched for it, so the odds rise for effects of long windows only. Suppose each of these effects
+    closes a third of its joint's error and the base parameters alone do not. Then something unknown is no more probable
+    than they are, and the less so the less they leave. Such a verdict is never sure.
+
+    Args:
+        decision: whose verdict is something unknown.
+        said: the known effects, name@joint.
+        motion: held-out motion.
+        alone: its replay with these effects.
+
+    Returns:
+        The decision at other odds; its verdict may be the known effects.
+
+    """
+    before, held = motion.before, motion.portion
+    left, others, base = (leave_errors(before, one, held) for one in (alone, motion.flexible, motion.base))
+    at, share = max(left.items(), key=lambda one: one[1], default=(0, 1.0))
+    beside = share / min(max(others.get(at, 0.0), LEAST), MOST)
+    odds = decision.stated / max(1.0 - decision.stated, LEAST)
+    for ratio in (min(share / MOST, 1.0), beside if decision.lasting else min(beside, 1.0)):
+        odds *= ratio**STEEPLY
+    of_base = {j: left[j] / max(min(base.get(j, 1.0), 1.0), LEAST) for j in left}
+    shares = [_least_left(name, of_base) for name in said]
+    if shares and max(shares) <= MOST:
+        sets = [h for h in decision.hypotheses if not h.unknown]
+        named = sum(h.probability for h in sets if h.names) / sum(h.probability for h in sets)
+        odds = min(odds, named * max(shares) / MOST)
+    odds = max(odds, LEAST_ODDS)
+    (joint,) = {int(name.partition("@")[2]) for name in decision.verdict if name.startswith("unknown@")}
+    return _at_odds(decision, odds, joint)
+
+
+def _at_odds(decision: Decision, odds: float, joint: int) -> Decision:
+    """The decision at other ``odds`` of something unknown, at a ``joint``."""
+    unknown = odds / (1.0 + odds)
+    named = [h for h in decision.hypotheses if not h.unknown]
+    total = sum(h.probability for h in named)
+    shared = [replace(h, probability=(1.0 - unknown) * h.probability / total) for h in named]
+    strange = [Hypothesis((f"unknown@{joint}",), unknown, None)] if unknown else []
+    return replace(decided([*shared, *strange], decision.best), unseen=decision.unseen)
+
+
+def use_whole(decision: Decision) -> Arm:
+    """Build the model of the best fit, with its effects within tolerance.
+
+    Args:
+        decision: with the fit.
+
+    Returns:
+        The model.
+
+    """
+    at = decision.best.design
+    return at.shooting.arm.at(at.point.p)
+
+
+def leave_shares(
+    before: Replay, after: Replay, whole: Replay, held: Portion, named: Collection[int]
+) -> dict[int, float]:
+    """Measure the share of each joint's error that a verdict leaves, with or without effects within tolerance.
+
+    It is the lesser of the shares with ``after`` and ``whole``; at a named joint of which ``after`` closes next to
+    nothing, it is that of ``after``.
+
+    Args:
+        before: the replay of the robot file's model.
+        after: the replay with the verdict.
+        whole: the replay with the best fit, and so with its effects within tolerance.
+        held: the held-out rows (T,) of the log.
+        named: joints of the verdict's effects.
+
+    Returns:
+        By joint the share (1), 0 where the error that is left does not count.
+
+    """
+    said, tolerating = (leave_errors(before, one, held) for one in (after, whole))
+    alone = {j for j in named if said.get(j, 0.0) > NOTHING}
+    return {j: share if j in alone else min(share, tolerating[j]) for j, share in said.items()}
+
+
+def leave_errors(before: Replay, after: Replay, held: Portion) -> dict[int, float]:
+    """Measure the share of each joint's error that is left.
+
+    Args:
+        before: the replay of the robot file's model.
+        after: another replay of the same log.
+        held: the held-out rows (T,) of the log.
+
+    Returns:
+        By joint the smallest share (1) of its encoders, and of its torque sensor if that erred.
+
+    """
+    shares: dict[int, float] = {}
+    for name, channel in by_channel(before, after, held).items():
+        quantity, _, j = name.rpartition("_")
+        if channel["before"] > (0.0 if quantity.endswith("position") else ABOVE):
+            share = channel["after"] / channel["before"] if channel["after"] > ABOVE else 0.0
+            shares[int(j)] = min(share, shares.get(int(j), share))
+    return shares

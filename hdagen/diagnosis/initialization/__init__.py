@@ -1,0 +1,1 @@
+"""Where a fit may begin: what ranges, inputs, encoders and the residual torque suggest."""

@@ -1,0 +1,77 @@
+"""The list of candidate effects of a model, with the priors and starting values that a log suggests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+from hdagen.arm.arm_parameters import Parameter
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.inference.candidate_priors import SHARES, SILENT, STEP, Atom, Column, Dictionary
+from hdagen.diagnosis.initialization.initial_guess import Suggested
+
+
+def dictionary(arm: Arm, suggested: Suggested, uncommanded: Collection[int] = ()) -> Dictionary:
+    """List every effect of a model that a log can show, started from the log's initial guess. An effect between a
+    command and the input that acts is left out at joints whose measured input drives the model.
+
+    Args:
+        arm: the compiled model.
+        suggested: initial guess from the log.
+        uncommanded: joints without a logged command.
+
+    Returns:
+        All candidates with their columns.
+
+    """
+    described = arm.parameters.described
+    place = {name: k for k, name in enumerate(described)}
+    atoms: list[Atom] = []
+    columns: list[Column] = []
+    for effect in arm.manifest["effects"]:
+        for j in effect["joints"]:
+            suffix = f"_{j}" if j else ""
+            stated = (a + suffix for a in effect["amplitudes"])
+            names = tuple(name for name in stated if name in described and described[name].typical)
+            if not names or (effect["place"] == "input" and j in uncommanded):
+                continue
+            shapes = [s + suffix for s in effect["shapes"]]
+            for number, chosen in enumerate(_together([suggested.shapes.get(s, described[s].starts) for s in shapes])):
+                atoms.append(
+                    Atom(effect["name"], j, effect["place"], names, dict(zip(shapes, chosen, strict=True)), not number)
+                )
+                columns += [
+                    _column(described[name], place[name], len(atoms) - 1, not number, suggested) for name in names
+                ]
+    owned = {c.parameter for c in columns}
+    for name, q in described.items():
+        if q.role == "base" and name not in owned and q.tolerance > 0 and q.nominal:
+            columns.append(Column(name, place[name], q.nominal, q.tolerance * abs(q.nominal), 1.0, -1, True))
+    return Dictionary(tuple(atoms), tuple(columns))
+
+
+def _together(starts: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
+    """Combine the starting values of the shapes: first values together, then second ones, and so on."""
+    found = []
+    for k in range(max(map(len, starts), default=1)):
+        found.append(tuple(s[k % len(s)] for s in starts))
+    return found
+
+
+def _column(q: Parameter, index: int, atom: int, first: bool, suggested: Suggested) -> Column:
+    """Make the column of one amplitude."""
+    assert q.typical
+    name, base = q.name, q.role == "base"
+    unit = suggested.units.get(name, q.typical)
+    nominal = q.nominal
+    if not base and q.low > 0:  # an effect that cannot be 0 is absent at its lower bound
+        nominal = q.low
+    everywhere = (q.everywhere or q.typical) / q.typical
+    spike, step, seen = SILENT, STEP, 0.0
+    if first:
+        spike = math.hypot(q.tolerance * abs(nominal) / unit, SHARES[0] * everywhere)
+    if name in suggested.sizes:
+        step = suggested.sizes[name] / unit
+    if first and name in suggested.seen:
+        seen = (suggested.seen[name] - nominal) / unit
+    return Column(name, index, nominal, unit, spike, atom, base and first, step, seen, everywhere)

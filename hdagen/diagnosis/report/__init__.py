@@ -1,0 +1,1 @@
+"""The report of a diagnosis: sentences, maps, plots and the page."""

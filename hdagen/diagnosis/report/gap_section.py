@@ -1,0 +1,131 @@
+"""The page's section on the gap: as a whole, by channel, remainders, small effects, and effects within tolerance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hdagen.diagnosis.data.gap import ABOVE
+from hdagen.diagnosis.holdout.unexplained_remainder import SHARE
+from hdagen.diagnosis.report.residual_maps import COLORS
+from hdagen.diagnosis.report.sentences import words
+from hdagen.pages.bar_chart import Bars, bars
+from hdagen.pages.number_table import table
+from hdagen.pages.page import Section
+
+
+def show_gap(content: dict[str, Any]) -> Section:
+    """Make the section of the page.
+
+    Args:
+        content: of diagnosis.json.
+
+    Returns:
+        The gap as a whole and by channel, remainders, small effects, and effects within tolerance.
+
+    """
+    gap = content["gap"]
+    channels = gap["by_channel"]
+    names, values = ["before", "after"], [gap["before"], gap["after"]]
+    caption = ""
+    if gap["flexible"] is not None:
+        names, values = [*names, "flexible correction"], [*values, gap["flexible"]]
+        caption = (
+            "Flexible correction: base parameters refitted, then regressions without structure as far as they close "
+            "more, on the same data."
+        )
+    whole = bars(
+        "Gap on held-out motion",
+        names,
+        [Bars("", values)],
+        value_label="replay error in multiples of noise",
+        levels=bound_gap(gap),
+        log=True,
+        caption=caption,
+    )
+    drawn = []
+    for when in ("before", "after"):
+        drawn.append(Bars(when, [c[when] for c in channels.values()], color=COLORS[when]))
+    by = bars(
+        "Gap by channel",
+        [name.replace("_", " ") for name in channels],
+        drawn,
+        value_label="replay error in multiples of noise",
+        levels=[(gap["floor"], "noise alone")],
+        log=True,
+    )
+    text = (
+        "Root mean square of the replay error in windows of 0.25 s, in multiples of each channel's noise, joined as "
+        f"the geometric mean. Held out: {content['data']['held_out']}."
+    )
+    return Section("The gap", text, [whole, by, *_remains(content), *_small(content), *_tolerated(content)])
+
+
+def bound_gap(gap: dict[str, Any]) -> list[tuple[float, str]]:
+    """List the levels that bound a gap.
+
+    Args:
+        gap: of diagnosis.json.
+
+    Returns:
+        The noise and the achievable gap, in multiples of the noise, each with its words.
+
+    """
+    return [(gap["floor"], "noise alone"), (gap["achievable"], "best of all that was fitted")]
+
+
+def _remains(content: dict[str, Any]) -> list[str]:
+    """A table of the share of each joint's error that no known effect explains; no table where there was no error."""
+    rows: list[list[str | float | None]] = [
+        [f"joint {one['joint']}", 100 * one["share"], one["noise"]] for one in content["remains"]
+    ]
+    if not rows:
+        return []
+    return [
+        table(
+            "What remains",
+            ["", "of the error before (%)", "in multiples of the noise"],
+            rows,
+            caption=f"Of the channel of each joint that is explained best. From {100 * SHARE:.0f} % and "
+            f"{ABOVE:g} times the noise on, a verdict with named effects says that something unknown is at this joint, "
+            "too; that takes nothing from what is named.",
+        )
+    ]
+
+
+def _small(content: dict[str, Any]) -> list[str]:
+    """A table of effects that are present and close next to nothing of the gap; no table where there are none."""
+    rows: list[list[str | float | None]] = [
+        [words(f"{one['effect']}@{one['joint']}"), one["without"], one["with"]] for one in content["small"]
+    ]
+    if not rows:
+        return []
+    return [
+        table(
+            "There, and small",
+            ["effect", "gap without it", "gap with it"],
+            rows,
+            caption="The log tells these effects, but held-out motion is told about as well without them: the verdict "
+            "leaves them out. In multiples of the noise.",
+        )
+    ]
+
+
+def _tolerated(content: dict[str, Any]) -> list[str]:
+    """A table of effects within tolerance that would close more of the gap; no table where there are none."""
+    rows: list[list[str | float | None]] = []
+    for one in content["tolerated"]:
+        values = ", ".join(
+            f"{name} {v['value']:.3g} {v['unit']}" for name, v in one["parameters"].items() if v["value"]
+        )
+        rows.append([words(f"{one['effect']}@{one['joint']}"), values, 100 * one["size"], one["gap"]])
+    if not rows:
+        return []
+    return [
+        table(
+            "Within tolerance, and not named",
+            ["effect", "as large as", "of its usual size (%)", "gap, were it in the model, too"],
+            rows,
+            caption="No effect is ever exactly absent. These are too small to count as missing, and the verdict leaves "
+            "them out; each of them, beside the verdict, would close this much more. The robot file may have them.",
+        )
+    ]

@@ -1,0 +1,140 @@
+"""How the verdict changes control, in simulation.
+
+The model with the verdict stands in for the machine. Two controllers drive it: one knows the robot file, one knows the
+verdict, as `hdagen adopt` and a build would give it. Both follow a swing within the log's range and speed; then joint 1
+leads the tip into a stiff wall. The laws' disturbance observer compensates much of a model's error at the motor, so a
+large gap in replay may change little here. The reader shall see that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.build_loader import PlantError
+from hdagen.arm.compiled_arm import Arm
+from hdagen.arm.ratings import torque_per_input
+from hdagen.control.guarded_controller import Controller, Guard, Safe
+from hdagen.control.reference_motion import Reference, smooth_step
+from hdagen.log.measured_log import Log
+from hdagen.prediction.measurement_model import joint_angles
+from hdagen.simulation.simulator import Simulation, World, run
+
+LAW = "impedance_joint"
+DAMPING = 0.02  # N m s/rad at each motor, once the guard has stopped the arm
+FULL = 0.005  # s, in which a motor reaches its full torque
+RANGE = 0.2, 0.8  # quantiles of the log's angles: ends of the swing
+SHORTEST = 1.0  # s, shortest swing there and back
+SWINGS = 2  # swings there and back
+PRESSED = 0.01  # m, depth of the reference behind the wall
+WALL = 1e4  # N/m: steel table, rubber tip
+RISE, HOLD = 0.5, 1.0  # s of the way into the wall, and at its end
+
+
+@dataclass(frozen=True)
+class Controlled:
+    """Results with a controller that knows the robot file, and with one that knows the verdict: rms distance of the tip
+    from its reference, m, and largest force at the wall, N."""
+
+    tracking: tuple[float, float]
+    force: tuple[float, float]
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """The results as diagnosis.json has them."""
+        pairs = {"tracking": self.tracking, "contact_force": self.force}
+        return {"law": LAW} | {name: dict(zip(("before", "after"), pair, strict=True)) for name, pair in pairs.items()}
+
+
+def controlled(plain: Arm, machine: Arm, log: Log) -> Controlled:
+    """Compare two controllers on a simulated machine.
+
+    Args:
+        plain: the robot file's arm.
+        machine: the arm with the verdict.
+        log: gives range and speed of the motion.
+
+    Returns:
+        Tracking errors and contact forces.
+
+    Raises:
+        PlantError: no controller can drive the arm, as without a limit of its torque.
+
+    """
+    low, high, fastest = _motion(plain, log)
+    most = np.array([slot["bound"] for slot in plain.manifest["input"][: plain.n]]) * torque_per_input(plain)
+    guard = Guard(
+        Safe.DAMPING,
+        torque_limit=tuple(most.tolist()),
+        torque_rate=tuple((most / FULL).tolist()),
+        safe_damping=(DAMPING,) * plain.n,
+    )
+    tracking, force = [], []
+    for model in (plain, machine):
+        controller = Controller(model, LAW, guard)
+        period = controller.guard.period
+        swing = _swing(low, high, fastest, period)
+        away = _run(machine, controller, swing).tip - _tips(machine, swing.position)
+        tracking.append(float(np.sqrt(np.mean(np.sum(away**2, 1)))))
+        pressed = _run(machine, controller, *_into_wall(machine, 0.5 * (low + high), period))
+        force.append(float(np.linalg.norm(pressed.push, axis=1).max()))
+    return Controlled((tracking[0], tracking[1]), (force[0], force[1]))
+
+
+def _run(machine: Arm, controller: Controller, reference: Reference, world: World | None = None) -> Simulation:
+    """Simulate a controller on the machine; a refusal is a PlantError."""
+    found = run(machine, controller, reference, start=reference.position[0], world=world)
+    refused = found.status[found.status < 0]
+    if len(refused):
+        raise PlantError(controller.sentence(int(refused[0])))
+    return found
+
+
+def _tips(arm: Arm, q: Array) -> Array:
+    """Return the tip's position (T, 2), m, at angles (T, n)."""
+    return np.asarray(arm.evaluate("points", q=q)["points"][:, -2:])
+
+
+def _motion(arm: Arm, log: Log) -> tuple[Array, Array, Array]:
+    """Return the ends of a swing (n each) and the joints' largest speeds (n) in the log."""
+    angles = joint_angles(arm, log)
+    rows = max(1, round(0.02 / log.period))  # noise does not count as speed
+    speed = np.abs(angles[rows:] - angles[:-rows]) / (log.time[rows:] - log.time[:-rows])[:, None]
+    low, high = np.quantile(angles, RANGE, axis=0)
+    return low, high, np.asarray(np.quantile(speed, 0.99, axis=0))
+
+
+def _swing(low: Array, high: Array, fastest: Array, period: float) -> Reference:
+    """Make a reference from ``low`` to ``high`` and back, no faster than the log."""
+    span = high - low
+    once = max(SHORTEST, float(np.max(np.pi * span / np.maximum(fastest, 1e-9), initial=0.0)))
+    time, turn = np.arange(0.0, SWINGS * once, period), 2 * np.pi / once
+    share = 0.5 - 0.5 * np.cos(turn * time)
+    rate, bend = 0.5 * turn * np.sin(turn * time), 0.5 * turn**2 * np.cos(turn * time)
+    return Reference("joint", period, low + np.outer(share, span), np.outer(rate, span), np.outer(bend, span))
+
+
+def _into_wall(arm: Arm, q: Array, period: float) -> tuple[Reference, World]:
+    """Make a reference by which joint 1 leads the tip from ``q`` into a wall that begins there, and that wall."""
+    nudge = np.zeros(arm.n)
+    nudge[0] = 1e-6
+    face = _tips(arm, np.stack([q, q + nudge]))
+    way = (face[1] - face[0]) / 1e-6  # of the tip, for joint 1
+    reach = float(np.linalg.norm(way))
+    if reach < 10 * PRESSED:
+        raise PlantError("joint 1 hardly moves the tip where the log's motion has its middle.")
+    ahead = way / reach
+    time = np.arange(0.0, RISE + HOLD, period)
+    share, rate, bend = smooth_step(time / RISE)
+    rate, bend = rate / RISE, bend / RISE**2
+    step = np.zeros(arm.n)
+    step[0] = PRESSED / reach
+
+    def wall(tip: Array, velocity: Array) -> Array:
+        return np.asarray(-WALL * max(float((tip - face[0]) @ ahead), 0.0) * ahead)
+
+    rows = [np.outer(of, step) for of in (share, rate, bend)]
+    return Reference("joint", period, q + rows[0], rows[1], rows[2]), wall

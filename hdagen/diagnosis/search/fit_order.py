@@ -1,0 +1,139 @@
+"""The order of fits: by the evidence reached in the end, by the evidence promised on the way.
+
+A fit keeps its columns only while it may lead: they fill the memory.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from hdagen.diagnosis.inference.local_fit import Fitted
+
+DEAR = 5.0  # temperatures of log evidence that the prior of one more effect takes, or a little less
+MUCH = 0.25  # of the null model's misfit, in log evidence: with more of it left, one effect may stand in for two
+BEYOND = 0.85  # of the same: with more of it left, no second effect is looked for; of 16 logs of two effects none left
+# more than 0.76, of 12 logs of something unknown 7 did
+LOST = 500.0  # log evidence that it must be, too, as the likelihood is tempered
+
+
+def charge_effects(evidence: float, fit: Fitted, excess: float) -> float:
+    """Subtract the prior's penalty for a fit's effects from its log evidence.
+
+    Args:
+        evidence: the log evidence.
+        fit: the fit, which has the effects.
+        excess: temperature, in multiples of the least.
+
+    Returns:
+        The log evidence less the penalty.
+
+    """
+    return evidence - DEAR * excess * len(fit.atoms)
+
+
+def leaves_much(lead: Fitted, fitted: Sequence[Fitted]) -> bool:
+    """Tell whether the best fit leaves much of the null model's misfit.
+
+    Args:
+        lead: the best fit.
+        fitted: all fits.
+
+    """
+    none = next((f for f in fitted if not f.atoms), lead)
+    return lead.clean - lead.reached > MUCH * (none.clean - none.reached)
+
+
+def is_beyond(fitted: Sequence[Fitted]) -> bool:
+    """Tell whether known effects explain little of a large misfit: then no two of them will explain it, either.
+
+    Args:
+        fitted: all fits.
+
+    """
+    best = best_first(fitted)[0]
+    none = next((f for f in fitted if not f.atoms), best)
+    return best.clean - best.reached > max(BEYOND * (none.clean - none.reached), LOST)
+
+
+def first_whole(fits: Sequence[Fitted]) -> Fitted:
+    """Return the best fit that still has its columns; a fit may become better after losing them.
+
+    Args:
+        fits: fits, the best first.
+
+    """
+    return next(fit for fit in fits if fit.whole)
+
+
+def bared(fits: Sequence[Fitted]) -> list[Fitted]:
+    """Drop the columns of all fits but the best one that has some.
+
+    Args:
+        fits: fits, the best first.
+
+    Returns:
+        The fits in the same order.
+
+    """
+    best = first_whole(fits)
+    return [fit if fit is best else fit.bare() for fit in fits]
+
+
+def promising_first(fits: Sequence[Fitted]) -> list[Fitted]:
+    """Sort fits on their way by the evidence that the next step may reach.
+
+    Args:
+        fits: fits in any order.
+
+    Returns:
+        The fits, the most promising first.
+
+    """
+    return sorted(fits, key=lambda f: -f.score.evidence)
+
+
+def best_first(fits: Sequence[Fitted]) -> list[Fitted]:
+    """Sort fits in the end by the evidence they have reached.
+
+    Args:
+        fits: fits in any order.
+
+    Returns:
+        The fits, the best first.
+
+    """
+    return sorted(fits, key=lambda f: -f.reached)
+
+
+def keep_best_starts(fits: list[Fitted]) -> tuple[list[Fitted], list[Fitted]]:
+    """Keep the first fit of each set, of several starts.
+
+    Args:
+        fits: fits, the best first.
+
+    Returns:
+        These fits, and the others without their columns.
+
+    """
+    first: dict[tuple[str, ...], Fitted] = {}
+    for fit in fits:
+        first.setdefault(fit.names, fit)
+    return list(first.values()), [fit.bare() for fit in fits if first[fit.names] is not fit]
+
+
+def place_by_size(fits: Sequence[Fitted]) -> Iterator[tuple[Fitted, int]]:
+    """Count for each fit the better ones with as many effects, the null model counting as one effect. So a set takes no
+    place from a single effect.
+
+    Args:
+        fits: fits, the best first.
+
+    Yields:
+        Each fit with its place, from 0.
+
+    """
+    before: Counter[int] = Counter()
+    for fit in fits:
+        yield fit, before[max(len(fit.atoms), 1)]
+        before[max(len(fit.atoms), 1)] += 1

@@ -1,0 +1,111 @@
+"""The order of a motor's ripple: how often the unexplained torque repeats in a turn of the motor.
+
+Cogging and commutation repeat a whole number of times in a turn. Small steps do not lead from one order to another, so
+the order is read from the log. The first time no effect is active and all of them are nuisances, as small amounts of an
+effect would hide the ripple; the second time it is read from the residual of a leader, which may have hidden it. The
+smoothed unexplained torque of each part of a window is compared with the mean sine and cosine over the rows of that
+part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.data_quality.rank_check import is_determined
+from hdagen.diagnosis.inference.candidate_priors import Dictionary
+from hdagen.diagnosis.inference.local_fit import Fitted
+from hdagen.diagnosis.inference.multiple_shooting import Shooting
+from hdagen.diagnosis.inference.sensitivities import knots
+from hdagen.diagnosis.initialization.initial_guess import Suggested
+
+EFFECT = "torque_ripple"
+ORDERS = np.arange(1, 97)  # cycles in a turn of the motor
+CLEAR = 12.0  # times the median gain of all orders, from which an order stands out
+KEPT = 3  # orders that are tried
+
+
+def with_orders(nothing: Fitted, suggested: Suggested) -> Suggested:
+    """Put the orders that the log shows before the usual ones.
+
+    Args:
+        nothing: the fitted null model.
+        suggested: the initial guess to extend.
+
+    Returns:
+        The initial guess with these orders.
+
+    """
+    arm, shapes = nothing.design.shooting.arm, dict(suggested.shapes)
+    for j in range(1, arm.n + 1):
+        name = f"ripple_order_{j}"
+        if name in arm.parameters.described:
+            usual = arm.parameters.described[name].starts
+            shapes[name] = tuple(dict.fromkeys((*_orders(nothing, j), *usual)))[: KEPT + 1]
+    return replace(suggested, shapes=shapes)
+
+
+def heard(lead: Fitted, words: Dictionary) -> Dictionary:
+    """Add a ripple of each joint's clearest order in the leader's residual, unless the candidates have it.
+
+    Args:
+        lead: the leading fit.
+        words: all candidates.
+
+    Returns:
+        The larger set.
+
+    """
+    for k in [k for k, atom in enumerate(words.atoms) if atom.effect == EFFECT and atom.first]:
+        atom = words.atoms[k]
+        known = [value for a in words.atoms if a.name == atom.name for value in a.shapes.values()]
+        if atom.name in lead.names:
+            continue
+        for order in _orders(lead, atom.joint)[:1]:
+            if order not in known:
+                words = words.another(k, {f"ripple_order_{atom.joint}": order})
+    return words
+
+
+def _orders(fit: Fitted, j: int) -> tuple[float, ...]:
+    """List the clearest orders of joint j, the clearest first; none where none stands out."""
+    shooting = fit.design.shooting
+    torque = fit.design.linear().inner(max(fit.score.at.s, 1e-3), fit.posterior[0])[1]
+    steps = knots(shooting)
+    own = torque[:, (j - 1) * steps : j * steps].reshape(-1)
+    orders, waves = _waves(shooting, j)
+    if not len(orders) or not is_determined(waves[0]):
+        return ()
+    gains = np.array([_gain(own, wave) for wave in waves])
+    best = np.argsort(-gains)[:KEPT]
+    return tuple(float(orders[k]) for k in best if gains[k] > CLEAR * np.median(gains))
+
+
+def _waves(shooting: Shooting, j: int) -> tuple[Array, Array]:
+    """List the orders that run through a full cycle, with the mean cosine and sine of each over the rows of each part
+    of each window (orders, parts, 2)."""
+    record, arm = shooting.record, shooting.arm
+    ratio = arm.parameters[f"ratio_{j}"]
+    name = f"motor_position_{j}"
+    theta = record.log[name] if name in record.log else ratio * record.log[f"joint_position_{j}"]
+    parts, steps, edges = [], knots(shooting), record.edges[record.kept]
+    seen = np.concatenate([theta[first:end] for first, end in edges])
+    orders = ORDERS[ORDERS * np.ptp(seen) >= 2 * np.pi]  # less than one cycle is a trend
+    for first, end in edges:
+        edge = np.linspace(first, end, steps + 1).round().astype(int) - first
+        turned = np.exp(1j * orders[:, None] * theta[first:end])
+        parts.append(np.add.reduceat(turned, edge[:-1], axis=1) / np.diff(edge))
+    mean = np.concatenate(parts, axis=1)
+    return orders, np.stack([mean.real, mean.imag], 2)
+
+
+def _gain(torque: Array, wave: Array) -> float:
+    """Return the reduction of the torque's squares by a cosine and a sine, in units of its variance."""
+    left = torque - torque.mean()
+    columns = wave - wave.mean(0)
+    coefficients = np.linalg.lstsq(columns, left, rcond=1e-9)[0]
+    return float(
+        (left @ left - ((left - columns @ coefficients) ** 2).sum()) / max(float(left @ left) / len(left), 1e-300)
+    )

@@ -1,0 +1,330 @@
+"""The next motion: which safe one separates effects best, and by how much the log evidence will tell them apart.
+
+Every motion (`hdagen.excitation.safe_motion`) is run on the compiled arm. About its path the diagnosis' own linear
+model is made, with the effects in question at their typical sizes as differences of whole simulations. A log of a
+machine that has effect A is then that model with A present and everything else within its tolerance. The separation of
+A and B is the log evidence for A less that for B; first states, base parameters, spikes of all other effects and
+unexplained torque are eliminated as in a diagnosis. Source: Lindley, Ann. Math. Stat. 27 (1956) 986; Box, Hill,
+Technometrics 9 (1967) 57 (experiments that discriminate between models).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from hdagen.arm.arrays import Array, is_number
+from hdagen.arm.build_loader import PlantError
+from hdagen.arm.compiled_arm import Arm
+from hdagen.control.reference_motion import Reference
+from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.windows import record
+from hdagen.diagnosis.inference.candidate_priors import SILENT, Column, Dictionary
+from hdagen.diagnosis.inference.linear_gaussian import Linear
+from hdagen.diagnosis.inference.marginal_likelihood import posteriors, score
+from hdagen.diagnosis.inference.multiple_shooting import Shooting
+from hdagen.diagnosis.inference.sensitivities import Design, Point, design
+from hdagen.diagnosis.initialization.candidate_list import dictionary
+from hdagen.diagnosis.initialization.initial_guess import Suggested, suggested
+from hdagen.excitation.least_motion import SEEN, explain_narrow_limits, moved, resting
+from hdagen.excitation.motion_limits import Limits, limits_of, middle
+from hdagen.excitation.motion_shapes import motions
+from hdagen.excitation.safe_motion import Kept, keep, with_size
+from hdagen.log.measured_log import Log
+from hdagen.support.messages import meant
+from hdagen.support.parallel import together
+
+ENOUGH = 7.0  # nats, from where the other holds less than a tenth of a diagnosis' probability
+TRUST = 3.0  # factor within which a prediction holds
+WINDOW, FEWEST = 0.05, 25  # s and rows of a window of the diagnosis
+DURATION = (2.0, 120.0)  # s
+PERIOD = (1e-4, 0.01)  # s
+MOST_ROWS = 40_000  # of a motion, which bounds the memory of the linear model
+DRAWS = 2  # of base parameters and spikes, for each true effect of a pair
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A motion with what it separates: nats by pair (the smaller of A true and of B true); ``kept`` None where the
+    limits drop it, with ``why``."""
+
+    name: str
+    kept: Kept | None
+    nats: Mapping[Pair, float] = field(default_factory=dict)
+    why: str = ""
+
+    @property
+    def worst(self) -> float:
+        """Nats of the pair that is separated least; −inf of a motion that is dropped."""
+        return min(self.nats.values(), default=-np.inf)
+
+    @property
+    def merit(self) -> float:
+        """The figure that is maximised: a soft minimum over the pairs, so that a pair that nothing separates does not
+        rule alone; negative nats count as 0."""
+        if not self.nats:
+            return -np.inf
+        x = np.maximum(list(self.nats.values()), 0.0) / (ENOUGH * TRUST)
+        return float(np.log(len(x)) - logsumexp(-x))
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """All motions that were tried, the best first; ``effects`` to separate as name@joint; ``limits`` that are kept."""
+
+    effects: tuple[str, ...]
+    tried: tuple[Tried, ...]
+    limits: Limits
+
+    @property
+    def best(self) -> Tried:
+        """The motion to make."""
+        return self.tried[0]
+
+    @property
+    def reference(self) -> Reference:
+        """Of the best motion: positions of the joints (T, n), their rates, and the period."""
+        assert self.best.kept is not None
+        return self.best.kept.reference
+
+    @property
+    def separates(self) -> bool:
+        """Whether each pair is expected to be told apart even where the prediction is off by its factor."""
+        return self.best.worst >= ENOUGH * TRUST
+
+    def columns(self) -> dict[str, Array]:
+        """List the columns of the reference.
+
+        Returns:
+            ``time`` (s) and ``joint_position_reference_j`` (rad or m), as a log has them.
+
+        """
+        reference = self.reference
+        return {"time": reference.time} | {
+            f"joint_position_reference_{j + 1}": np.ascontiguousarray(x) for j, x in enumerate(reference.position.T)
+        }
+
+
+def excite(
+    arm: Arm,
+    separate: Sequence[str] = (),
+    joint: int = 1,
+    duration: float = 10.0,
+    period: float = 1e-3,
+    limits: Mapping[str, tuple[float, ...]] | None = None,
+    say: Callable[[str], None] = lambda stage: None,
+) -> Excitation:
+    """Find the safe motion that separates effects best.
+
+    Args:
+        arm: An arm that was built with all effects.
+        separate: Names of effects of ``joint``, or name@joint; none: every pair of the joint's effects.
+        joint: Number of the joint, from 1.
+        duration: Length of the motion, s.
+        period: Time from row to row, s.
+        limits: Narrower limits, as `motion_limits.limits_of` takes them.
+        say: Hears the name of each motion as it is tried.
+
+    Returns:
+        All motions, the best first.
+
+    Raises:
+        PlantError: An effect or a limit does not exist, or no visible motion keeps the limits.
+
+    """
+    effects = _effects(arm, separate, joint, duration, period)
+    bounds = limits_of(arm, limits)
+    center = middle(arm, bounds)
+    others: list[Arm] = []
+    if separate:
+        others = [with_size(arm, _typical(arm, name)) for name in effects]
+    places = [int(name.rpartition("@")[2]) for name in effects]
+    joints = sorted({place - 1 for place in places if place}) or list(range(arm.n))
+    shapes = motions(arm, places[0], duration, period)
+    if resting(arm, bounds, shapes, center, period)[joints].all():
+        raise PlantError(explain_narrow_limits(arm, bounds, shapes, center, period, joints))
+    tried = []
+    for motion in shapes:
+        say(motion.name)
+        kept = keep(arm, others, bounds, motion, center, period)
+        if isinstance(kept, Kept) and max(most := moved(arm, kept.simulation)[joints]) < SEEN:
+            kept = f"moves joint {joints[int(np.argmax(most))] + 1} by less than {SEEN} steps of its encoder"
+        if isinstance(kept, Kept):
+            tried.append(Tried(motion.name, kept, separation(arm, effects, kept)))
+        else:
+            tried.append(Tried(motion.name, None, {}, kept))
+    tried.sort(key=lambda t: (-t.merit, -t.worst))
+    if tried[0].kept is None:
+        whys = [f"{t.name}: {t.why}" for t in tried[:3]]
+        raise PlantError(explain_narrow_limits(arm, bounds, shapes, center, period, joints, whys))
+    return Excitation(effects, tuple(tried), bounds)
+
+
+def _effects(arm: Arm, separate: Sequence[str], joint: int, duration: float, period: float) -> tuple[str, ...]:
+    """The effects to separate as name@joint. Raises PlantError with every problem."""
+    problems = []
+    for name, value, (low, high) in (("duration", duration, DURATION), ("period", period, PERIOD)):
+        if not is_number(value) or not low <= value <= high:
+            problems.append(f"the {name} is {value:g} s; possible is {low:g} to {high:g} s.")
+    if not problems and duration / period > MOST_ROWS:
+        problems.append(
+            f"the motion has {duration / period:.0f} rows; possible are {MOST_ROWS}: make it shorter, or coarser."
+        )
+    if not 1 <= joint <= arm.n:
+        problems.append(f"--joint {joint}: the robot has joints 1 to {arm.n}.")
+        raise PlantError("\n".join(problems))
+    there = [atom.name for atom in dictionary(arm, Suggested({}, {}, {})).atoms]
+    here = sorted({name for name in there if name.endswith((f"@{joint}", "@0"))})
+    found = []
+    for name in separate:
+        options = [f"{name}@{joint}", f"{name}@0"]
+        if "@" in name:
+            options = [name]
+        known = [option for option in options if option in there]
+        if not known:
+            problems.append(
+                f"--separate {name}: joint {joint} has no such effect{meant(options[0], there)}; there are "
+                f"{', '.join(here)}, and name@joint means that of another joint."
+            )
+        found += known[:1]
+    if len(set(found)) < len(found):
+        problems.append(f"--separate {','.join(separate)}: names the same effect twice; name two that differ.")
+    elif len(separate) == 1 and found:
+        problems.append(f"--separate {separate[0]}: one effect alone; name two or more, or none for every pair.")
+    if problems:
+        raise PlantError("\n".join(problems))
+    if separate:
+        return tuple(found)
+    return tuple(here)
+
+
+def _typical(arm: Arm, name: str) -> dict[str, float]:
+    """The parameters of an effect at its typical size: of several amplitudes the first."""
+    words = dictionary(arm, Suggested({}, {}, {}))
+    k = next(k for k, atom in enumerate(words.atoms) if atom.name == name)
+    column = next(c for c in words.columns if c.atom == k)
+    return {column.parameter: column.center + _whole(arm, column) * column.unit}
+
+
+def _whole(arm: Arm, column: Column) -> float:
+    """The size at which an effect is looked at: the usual one, of the sign and as large as its bounds let it."""
+    q = arm.parameters.described[column.parameter]
+    up, down = (q.high - column.center) / column.unit, (column.center - q.low) / column.unit
+    if up >= 1.0 or up >= down:
+        return 1.0
+    return -min(1.0, down)
+
+
+# -- prediction -------------------------------------------------------------------------------------------------------
+
+
+def modelled(arm: Arm, log: Log, effects: Sequence[str], states: Array | None = None) -> Design:
+    """Build the linear model of a log about the nominal arm.
+
+    Args:
+        arm: The arm, built with all effects.
+        log: The log.
+        effects: Effects whose columns have their typical size. They are free or absent, not within a tolerance, which
+            would bound their evidence.
+        states: States at the rows, (T, nx), from which windows begin; None: as measured.
+
+    Returns:
+        The sensitivities of the log.
+
+    """
+    seen = record(arm, Portion.whole(log), max(WINDOW, FEWEST * log.period))
+    shooting = Shooting(arm, seen)
+    words = dictionary(arm, Suggested(suggested(arm, seen).shapes, {}, {}))
+    columns = []
+    for column in words.columns:
+        if column.atom >= 0 and words.atoms[column.atom].name in effects:
+            sized = replace(column, step=_whole(arm, column))
+            if not column.base:
+                sized = replace(sized, spike=SILENT)
+            columns.append(sized)
+        elif column.atom < 0 or words.atoms[column.atom].first:
+            columns.append(column)
+    p, begun = shooting.begin()
+    if states is not None:
+        begun = states[seen.starts, : shooting.m].copy()
+    return design(shooting, Dictionary(words.atoms, tuple(columns)), Point(p, begun))
+
+
+def separation(arm: Arm, effects: Sequence[str], kept: Kept) -> dict[Pair, float]:
+    """Predict the log evidence by which a motion separates effects.
+
+    Args:
+        arm: The arm, built with all effects.
+        effects: Effects as name@joint.
+        kept: The motion with its run.
+
+    Returns:
+        Expected nats of each pair; of more than two effects without those that no channel of the log shows.
+
+    """
+    at = modelled(arm, kept.simulation.log, effects, kept.simulation.state)
+    linear, random = at.linear(1.0), np.random.default_rng(0)
+    energy = np.diagonal(linear.gram.products, axis1=1, axis2=2).sum(0)[linear.m + linear.k :]
+    shown = {
+        at.words.atoms[c.atom].name for c, e in zip(at.words.columns, energy, strict=True) if c.atom >= 0 and e > 0
+    }
+    count = 1
+    if len(effects) == 2:
+        count = DRAWS
+    logs = [_sizes(at.words, effects, true, random) for true in effects for _ in range(count)]
+    found = together(lambda theta: weighed(_with(linear, theta), at.words, effects), logs)
+    evidence: dict[str, dict[str, float]] = {}
+    for k, true in enumerate(effects):
+        draws = found[k * count : (k + 1) * count]
+        evidence[true] = {name: float(np.mean([one[name] for one in draws])) for name in effects}
+    return {
+        (a, b): min(evidence[a][a] - evidence[a][b], evidence[b][b] - evidence[b][a])
+        for a, b in itertools.combinations(effects, 2)
+        if len(effects) == 2 or {a, b} <= shown
+    }
+
+
+def weighed(linear: Linear, words: Dictionary, effects: Sequence[str]) -> dict[str, float]:
+    """Score effects by their log evidence in a linear model.
+
+    Args:
+        linear: The linear model of a log.
+        words: Its candidates.
+        effects: Effects as name@joint.
+
+    Returns:
+        Log evidence of each effect, of its best candidate.
+
+    """
+    atoms = [k for k, atom in enumerate(words.atoms) if atom.name in effects]
+    best: dict[str, float] = {}
+    for one in score(posteriors(linear, words.spike), words, [(k,) for k in atoms]):
+        best.setdefault(words.atoms[one.atoms[0]].name, one.evidence)
+    return best
+
+
+def _sizes(words: Dictionary, effects: Sequence[str], true: str, random: np.random.Generator) -> Array:
+    """θ of a machine that has the effect ``true`` and everything else within its tolerance."""
+    theta = random.normal(size=len(words.columns)) * words.spike
+    atom = next(k for k, atom in enumerate(words.atoms) if atom.name == true)
+    own, size = words.free((atom,)), np.ones(1)
+    if len(own) > 1:
+        size = random.normal(size=len(own))
+    meant = [k for k, atom in enumerate(words.atoms) if atom.name in effects]
+    theta[words.free(tuple(meant))] = 0.0
+    theta[own] = np.sign(words.columns[own[0]].step) * size / np.linalg.norm(size)
+    return theta
+
+
+def _with(linear: Linear, theta: Array) -> Linear:
+    """The linear model of a log of a machine with θ: its products follow from those of the columns."""
+    gram = linear.gram
+    moved = np.concatenate([np.zeros(gram.m + gram.k), theta])
+    added = gram.products @ moved
+    return replace(linear, z=linear.z + added, r2=linear.r2 + (2 * linear.z + added) @ moved)

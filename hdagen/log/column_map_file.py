@@ -1,0 +1,212 @@
+"""``columns.toml``, the file that states the origin of each column of a log: read and checked as a whole."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+from hdagen.log.column_map import COUNT, RAW_UNITS, UNITS, WHOLE_ARM, ColumnMap, ColumnsError, Frame, Source, split_name
+from hdagen.support.input_file import InputFileError, read_toml
+from hdagen.support.messages import list_some, meant, shown
+
+_LARGEST = 200_000  # bytes of a columns.toml
+_MOST_TABLES = 1500  # every column of 99 joints
+
+
+def load(path: Path | str) -> ColumnMap:
+    """Read and check a columns.toml.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The map of columns that it states.
+
+    Raises:
+        ColumnsError: The file cannot be used; every problem is listed.
+
+    """
+    path = Path(path)
+    try:
+        tables = read_toml(path, _LARGEST, "give a columns.toml as docs/log.md describes it")
+    except InputFileError as error:
+        raise ColumnsError([str(error)]) from None
+    if len(tables) > _MOST_TABLES:
+        raise ColumnsError([f"{path}: found {len(tables)} tables; no log has more than {_MOST_TABLES} columns in use."])
+    return check(tables, path)
+
+
+def check(tables: dict[str, Any], path: Path) -> ColumnMap:
+    """Check the tables of a columns.toml and build the map of columns that they state.
+
+    Args:
+        tables: The tables as parsed.
+        path: The file that the sentences name.
+
+    Returns:
+        The map of columns.
+
+    Raises:
+        ColumnsError: A table is wrong; every problem is listed.
+
+    """
+    tables = dict(tables)
+    problems: list[str] = []
+    ignore = _ignored(path, tables.pop("ignore", []), problems)
+    frame = None
+    if "tip_force" in tables:
+        frame = _frame(path, tables.pop("tip_force"), problems)
+    known = [_example_name(base) for base in UNITS]
+    sources = {}
+    for name, entry in tables.items():
+        if split_name(name) is None:
+            problems.append(
+                f"{path}: [{name[:80]}] is not a column of a log{meant(name, known)}; possible are {list_some(known)} "
+                "(with the joint's number from 1), ignore and tip_force."
+            )
+        elif not isinstance(entry, dict):
+            problems.append(
+                f'{path}: {name} must be a table, as in [{name}] with from = "…" below it; found {shown(entry)}.'
+            )
+        else:
+            sources[name] = _source(path, name, entry, problems)
+    if problems:
+        raise ColumnsError(problems)
+    return ColumnMap(sources, ignore, frame, path)
+
+
+def _example_name(quantity: str) -> str:
+    """The name of a column of a quantity, that of the first joint where each joint has one."""
+    if quantity in WHOLE_ARM:
+        return quantity
+    return f"{quantity}_1"
+
+
+def _ignored(path: Path, value: Any, problems: list[str]) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        problems.append(f"{path}: ignore must be a list of column names; found {shown(value)}.")
+        return ()
+    return tuple(value)
+
+
+def _frame(path: Path, entry: Any, problems: list[str]) -> Frame | None:
+    place = f"{path}: [tip_force]"
+    if not isinstance(entry, dict):
+        problems.append(f"{place} must be a table; found {shown(entry)}.")
+        return None
+    for key in entry.keys() - {"frame", "rotation", "turning_joints"}:
+        problems.append(f"{place} has no key {key[:60]}; possible are frame, rotation and turning_joints.")
+    frame, rotation, joints = entry.get("frame", "base"), entry.get("rotation", 0.0), entry.get("turning_joints")
+    if frame not in ("base", "tip"):
+        problems.append(
+            f'{place} frame = {shown(frame)}; possible are "base" (fixed) and "tip" (turns with the last link).'
+        )
+    if not _is_number(rotation):
+        problems.append(f"{place} rotation = {shown(rotation)}; it must be a finite angle in rad.")
+        rotation = 0.0
+    if joints is None:
+        return Frame(frame == "tip", float(rotation))
+    if not isinstance(joints, list) or not joints or not all(_is_whole(j) and j > 0 for j in joints):
+        problems.append(f"{place} turning_joints = {shown(joints)}; it must list joint numbers from 1, as in [1, 2].")
+        return None
+    return Frame(frame == "tip", float(rotation), tuple(joints))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= 1e300  # NaN is not
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= 200
+
+
+# key -> (test of its value, description of a right value, pattern of the columns that may have it)
+_KEYS: dict[str, tuple[Any, str, str]] = {
+    "from": (_is_text, "the name of a column of the log", ""),
+    "value": (_is_number, "a finite number", "_"),
+    "period": (lambda v: _is_number(v) and v > 0, "a positive number of seconds", "^time$"),
+    "unit": (_is_text, "the name of a unit", ""),
+    "scale": (lambda v: _is_number(v) and v != 0, "a finite number other than 0", ""),
+    "sign": (lambda v: _is_whole(v) and v in (1, -1), "1 or -1", "_"),
+    "offset": (_is_number, "a finite number in the column's SI unit", ""),
+    "counts_per_turn": (lambda v: _is_number(v) and v > 0, "a positive number", "_"),
+    "wrap": (
+        lambda v: v == "turn" or (_is_number(v) and v > 0),
+        '"turn" or a positive number in the logged unit',
+        "position",
+    ),
+    "subtract": (_is_text, "the name of a column of the log", "_"),
+    "joint_side_ratio": (
+        lambda v: _is_number(v) and v > 0,
+        "the ratio, a positive number",
+        "motor_(torque|position|velocity)",
+    ),
+    "shift_rows": (lambda v: _is_whole(v) and abs(v) <= 1000, "a whole number of rows, -1000 to 1000", "_"),
+    "fill": (lambda v: v in ("hold", "linear"), '"hold" or "linear"', "_"),
+    "duplicates": (lambda v: v == "first", '"first"', "^time$"),
+}
+
+
+def _source(path: Path, name: str, entry: dict[str, Any], problems: list[str]) -> Source:
+    """One table of the file, its problems appended; keys that are wrong count as absent."""
+    place = f"{path}: [{name}]"
+    good: dict[str, Any] = {}
+    for key, value in entry.items():
+        if key not in _KEYS or not re.search(_KEYS[key][2], name):
+            possible = [k for k, (_, _, pattern) in _KEYS.items() if re.search(pattern, name)]
+            problems.append(f"{place} has no key {key[:60]}; possible are {list_some(possible)}.")
+        elif not _KEYS[key][0](value):
+            problems.append(f"{place} {key} = {shown(value)}; it must be {_KEYS[key][1]}.")
+        else:
+            good[key] = value
+    origin = "value" if "value" in good else "period"
+    others = sorted(good.keys() - {origin})
+    if origin in good and others:
+        problems.append(
+            f"{place} has {origin} and {list_some(others)}; a column that is not logged has {origin} alone."
+        )
+    unit = _unit(place, name, good, problems)
+    wrap = good.get("wrap")
+    if wrap == "turn":
+        turns = {"rad": 2 * math.pi, "deg": 360.0, "turn": 1.0, COUNT: good.get("counts_per_turn")}
+        wrap = turns.get(unit or "rad")
+        if wrap is None:
+            problems.append(
+                f'{place} wrap = "turn" has no meaning with unit = "{unit}"; give the wrap as a number in that unit.'
+            )
+    keys: dict[str, Any] = {key: good[key] for key in _PLAIN if key in good}
+    keys |= {key: float(good[key]) for key in ("value", "sign", "scale", "offset") if key in good}
+    if wrap is not None:
+        keys["wrap"] = float(wrap)
+    read = good.get("from", name)
+    if origin in good:
+        read = ""
+    return Source(name, read, unit=unit, **keys)
+
+
+KEYS = frozenset(_KEYS)
+_PLAIN = ("period", "counts_per_turn", "subtract", "joint_side_ratio", "shift_rows", "fill", "duplicates")
+
+
+def _unit(place: str, name: str, good: dict[str, Any], problems: list[str]) -> str:
+    """The unit in its one spelling ("Nm" is "N m"); problems where it is unknown or lacks a key that it needs."""
+    base = (split_name(name) or (name, 0))[0]
+    if "unit" not in good:
+        return ""
+    spelt = {unit.replace(" ", ""): unit for unit in (*UNITS[base], *RAW_UNITS)}
+    unit = spelt.get(re.sub(r"[ ·*]", "", good["unit"]).replace("µ", "u").replace("μ", "u").replace("°C", "degC"), "")
+    own = next(iter(UNITS[base]))
+    if not unit:
+        listed = list_some([*UNITS[base], *(f"{raw} (with scale)" for raw in RAW_UNITS if raw not in UNITS[base])])
+        problems.append(f"{place} unit = {shown(good['unit'])}; possible are {listed}.")
+    elif unit not in UNITS[base] and "scale" not in good:
+        problems.append(f"{place} has unit = {unit!r} without a scale; add scale = how many {own} one {unit} is.")
+    elif unit in (COUNT, "counts/s") and "counts_per_turn" not in good and "scale" not in good:
+        problems.append(f"{place} has unit = {unit!r}; add counts_per_turn (or scale, how many {own} one count is).")
+    return unit

@@ -1,0 +1,399 @@
+"""A measured or simulated log: samples row by row, checked, in SI, under the names of docs/log.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from hdagen.log import column_map_file, data_table
+from hdagen.log.column_map import ColumnMap, ColumnsError, Mapped, Source, split_name
+from hdagen.log.csv_file import read_csv
+from hdagen.log.data_table import LogError, Table
+from hdagen.log.mat_file import read_mat
+from hdagen.log.timestamps import judge_clock, spread_repeated
+from hdagen.support.input_file import InputFileError, check_file
+from hdagen.support.messages import list_nearest, list_some, printable, shown, shown_path
+from hdagen.support.row_runs import stretches
+
+__all__ = ["ColumnsError", "Log", "LogError", "gaps", "read", "write"]
+
+LARGEST = 4 << 30  # bytes of a file
+_FORMATS = (".csv", ".tsv", ".txt", ".parquet", ".mat")
+_INPUTS = ("motor_current_command", "motor_current", "motor_torque_command", "motor_torque")
+_POSITIONS = ("motor_position", "joint_position")
+_SLOWEST = 0.2  # s between rows; a control log is faster, so an undeclared unit is taken for ms, us or ns
+_FASTEST = 1e-6  # s
+_HUGE = 1e9  # SI; no channel of an arm reaches it
+_FARTHEST = 1e20  # s; stamps of any unit are nearer to the beginning of any clock
+# Share of rows with a repeated stamp that differ from the row before, where a clock is coarse
+_CHANGED = 0.1
+_GAP = 1.75  # periods between rows from where a row is missing: two, less a quarter for jitter
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log with one sample a row. Row k is sampled at time[k]; a command in row k is held to the next row.
+
+    Attributes:
+        time: (T,), increasing, s.
+        columns: (T,) each, float64, SI, by name (``motor_current_1``, …).
+        n_joints: The number of joints.
+        source: Its origin, for sentences on it.
+        notes: Sentences on conversions and repairs.
+        stamps: (T,), the time column as logged where ``time`` is a better clock; else None.
+        time_uncertainty: Standard deviation of ``time``, s.
+
+    """
+
+    time: np.ndarray
+    columns: dict[str, np.ndarray]
+    n_joints: int
+    source: str
+    notes: tuple[str, ...] = ()
+    stamps: np.ndarray | None = None
+    time_uncertainty: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, values in self.columns.items():
+            if split_name(name) in (None, ("time", 0)):
+                raise ValueError(f"{name[:80]!r} is not a column of a log")
+            if values.shape != self.time.shape or values.ndim != 1:
+                raise ValueError(f"column {name} has shape {values.shape}, time {self.time.shape}")
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The column ``name`` (or "time"), (T,). Raises KeyError with the names of the columns."""
+        if name == "time":
+            return self.time
+        if name not in self.columns:
+            raise KeyError(f"the log {self.source} has no column {name}; it has {list_some(list(self.columns))}")
+        return self.columns[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name == "time" or name in self.columns
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def period(self) -> float:
+        """Median time between rows, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def logged_time(self) -> np.ndarray:
+        """The time column as it was logged, (T,), s."""
+        return self.time if self.stamps is None else self.stamps
+
+    def rows(self, start: int, stop: int) -> Log:
+        """Take a range of rows.
+
+        Args:
+            start: The first row, from 0.
+            stop: The row after the last.
+
+        Returns:
+            The rows as a log whose arrays are views.
+
+        """
+        return self.taken(slice(start, stop))
+
+    def taken(self, rows: np.ndarray | slice) -> Log:
+        """Take some rows.
+
+        Args:
+            rows: Row numbers, a mask (T,) or a slice.
+
+        Returns:
+            The rows as a log.
+
+        """
+        part = {name: values[rows] for name, values in self.columns.items()}
+        stamps = None if self.stamps is None else self.stamps[rows]
+        return replace(self, time=self.time[rows], columns=part, stamps=stamps)
+
+
+def read(path: Path | str, columns: Path | str | None = None, joints: int | None = None, holes: bool = False) -> Log:
+    """Read a log, through a columns.toml where its names, units or signs are foreign.
+
+    Args:
+        path: The log, .csv, .tsv, .txt, .parquet or .mat.
+        columns: The columns.toml, if any.
+        joints: The robot's number of joints, which the log must have; None: any number.
+        holes: Whether missing values stay NaN, for `hdagen.data_quality.log_repair`; else they are refused.
+
+    Returns:
+        The log, in SI.
+
+    Raises:
+        LogError: The log cannot be used; every problem is listed.
+        ColumnsError: The columns.toml is at fault.
+
+    """
+    path, mapping = Path(path), ColumnMap({})
+    if columns is not None:
+        mapping = column_map_file.load(columns)
+    raw = _read_table(path, mapping)
+    mapped = mapping.apply(raw)
+    logged = mapped.time
+    mapped = _with_spread_stamps(mapped, mapping.sources.get("time"))
+    problems = _check_columns(path, raw, mapped, joints)
+    if mapped.time is not None:
+        problems += _check_time(path, raw, mapped, mapped.time, mapping.sources.get("time"))
+    problems += _check_values(path, raw, mapped, holes)
+    if problems or mapped.time is None:
+        raise LogError(problems)
+    notes: list[str] = []
+    part = np.arange(mapped.start, mapped.stop)
+    if (lost := len(mapped.time) - len(part)) > 0:
+        notes.append(f"{lost} row(s) at the ends were cut: a moved or filled column has no value there.")
+    same = np.diff(mapped.time[part], prepend=-np.inf) == 0
+    if same.any():
+        notes.append(f"{np.count_nonzero(same)} row(s) with a repeated time stamp were dropped.")
+        part = part[~same]
+    time, values, stamps = mapped.time, mapped.columns, None
+    if len(part) < len(time):  # else nothing is copied
+        time, values = time[part], {name: column[part] for name, column in values.items()}
+    ignored = [name for name in raw.names if name and not mapping.reads(name)]
+    if ignored:
+        notes.append(f"Columns not used: {list_some(ignored, 12)}.")
+    if logged is not None and logged is not mapped.time:
+        stamps = logged[part]
+    log = _on_better_clock(Log(time, values, _count_joints(values), printable(path), tuple(mapped.notes), stamps))
+    said = (*raw.notes, *log.notes, *notes, *_gap_notes(log.time, raw, part))
+    return replace(log, notes=tuple(printable(note) for note in said))
+
+
+def write(log: Log | Mapping[str, np.ndarray], path: Path | str) -> None:
+    """Write a log, or columns by name; reading gives the same numbers back, to the last bit.
+
+    The file appears whole or not at all.
+
+    Args:
+        log: The log, or arrays (T,) by name.
+        path: The file, ending in .csv or .parquet.
+
+    Raises:
+        LogError: The columns or the path will not do, or the file cannot be written.
+
+    """
+    if isinstance(log, Log):
+        log = {"time": log.logged_time, **log.columns}
+    data_table.write(log, path)
+
+
+def gaps(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the gaps in which rows are missing.
+
+    Args:
+        time: (T,), increasing, s.
+
+    Returns:
+        (G,) the row before each gap, and (G,) the number of rows that are missing in it.
+
+    """
+    steps = np.diff(time)
+    if not len(steps):
+        return np.empty(0, int), np.empty(0, int)
+    usual = np.median(steps)
+    missing = np.rint(steps / usual).astype(int) - 1
+    rows = np.flatnonzero((missing > 0) & (steps > _GAP * usual))
+    return rows, missing[rows]
+
+
+def parts(time: np.ndarray, longest: float) -> list[tuple[int, int]]:
+    """Split rows at long pauses.
+
+    Args:
+        time: (T,), increasing, s.
+        longest: The longest step that is no pause, s.
+
+    Returns:
+        The rows [start, stop) of each part, none empty.
+
+    """
+    cuts = [0, *(np.flatnonzero(np.diff(time) > longest) + 1).tolist(), len(time)]
+    return [(a, b) for a, b in pairwise(cuts) if b > a]
+
+
+def _with_spread_stamps(mapped: Mapped, source: Source | None) -> Mapped:
+    """Even time where stamps repeat because their clock is coarse; the stamps where a columns.toml treats them."""
+    inside = slice(mapped.start, mapped.stop)
+    if mapped.time is None or (source and source.duplicates) or not np.isfinite(mapped.time[inside]).all():
+        return mapped
+    repeats = np.flatnonzero(np.diff(mapped.time[inside]) == 0) + inside.start
+    changed = [values[repeats + 1] != values[repeats] for values in mapped.columns.values()]
+    clock = spread_repeated(mapped.time[inside])
+    if clock is None or np.mean(np.any(changed, axis=0)) < _CHANGED:  # rows that were written twice
+        return mapped
+    time = mapped.time.copy()
+    time[inside] = clock.time
+    return replace(mapped, time=time, notes=(*mapped.notes, clock.note))
+
+
+def _on_better_clock(log: Log) -> Log:
+    """The log on the clock on which its encoders' paths are smoothest, with the uncertainty that is left."""
+    paths = {name: values for name, values in log.columns.items() if (split_name(name) or ("", 0))[0] in _POSITIONS}
+    clock = judge_clock(log.time, paths)
+    notes, stamps = log.notes, log.stamps
+    if clock.note:
+        notes = (*notes, clock.note)
+    if clock.time is not log.time:
+        stamps = log.logged_time
+    return replace(log, time=clock.time, notes=notes, stamps=stamps, time_uncertainty=clock.uncertainty)
+
+
+def check_log(path: Path) -> None:
+    """Refuse a file that can be no log, before anything is read.
+
+    Args:
+        path: The file.
+
+    Raises:
+        LogError: The file has no known format, is missing, is not regular or is too large.
+
+    """
+    if path.suffix.lower() not in _FORMATS:
+        possible = ", ".join(_FORMATS)
+        raise LogError([f"{shown_path(path)}: no log ends in {shown(path.suffix)}; possible are {possible}."])
+    try:
+        check_file(path, LARGEST, "give the path of a log")
+    except InputFileError as error:
+        raise LogError([str(error)]) from None
+
+
+def _read_table(path: Path, mapping: ColumnMap) -> Table:
+    check_log(path)
+    if path.suffix.lower() == ".parquet":
+        return data_table.read_parquet(path, mapping.reads)
+    if path.suffix.lower() == ".mat":
+        arrays = read_mat(path)
+        return Table({n: v for n, v in arrays.items() if mapping.reads(n)}, tuple(arrays), None, ())
+    return read_csv(path, mapping.reads)
+
+
+def _count_joints(columns: Mapping[str, np.ndarray]) -> int:
+    return max((split[1] for name in columns if (split := split_name(name))), default=0)
+
+
+def _check_columns(path: Path, raw: Table, mapped: Mapped, joints: int | None) -> list[str]:
+    """Check the columns that a log needs: time, and for each joint one current or torque and one position."""
+    problems, lacking = [], list[str]()
+    if mapped.time is None:
+        problems.append(f"{path}: there is no column time: name it so, or say in columns.toml [time] from = which.")
+        lacking.append("time")
+    found = _count_joints(mapped.columns)
+    if joints is not None and found > joints:
+        problems.append(
+            f"{path}: the log has columns of {found} joints, the robot has {joints}: use the robot's own log, or a "
+            "columns.toml that takes the joints wanted and ignores the others."
+        )
+    wanted = found if joints is None else joints
+    if wanted == 0:
+        problems.append(f"{path}: no column of any joint was found: map them with a columns.toml.")
+        lacking += [f"{base}_1" for base in (*_INPUTS, *_POSITIONS)]
+    for joint in range(1, wanted + 1):
+        for what, bases in (("current or torque", _INPUTS), ("position", _POSITIONS)):
+            names = [f"{base}_{joint}" for base in bases]
+            if not any(name in mapped.columns for name in names):
+                problems.append(
+                    f"{path}: joint {joint} has no {what}; one of {', '.join(names)} is needed: log it, or map it with "
+                    "a columns.toml."
+                )
+                lacking += names
+    if lacking:
+        problems.append(f"{path}: the file has {list_nearest(lacking, raw.names, 40)}.")
+    return problems
+
+
+def _check_time(path: Path, raw: Table, mapped: Mapped, time: np.ndarray, source: Source | None) -> list[str]:
+    """Time must be finite, increase, and be in s; a unit that columns.toml declares is believed."""
+    if not len(time):
+        return [f"{path}: there are no rows: record again, or copy it again."]
+    if mapped.stop - mapped.start < 2:
+        return [f"{path}: {mapped.stop - mapped.start} row(s) only; a log needs at least two, and a motion among them."]
+    bad = np.flatnonzero(~np.isfinite(time))
+    if len(bad):
+        return [
+            f"{path}, {raw.place(int(bad[0]))}: time has no value there, {len(bad)} time(s) in all: delete these rows."
+        ]
+    far = np.flatnonzero(np.abs(time) > _FARTHEST)
+    if len(far):
+        return [
+            f"{path}, {raw.place(int(far[0]))}: time is {time[far[0]]:.3g} s, {len(far)} value(s) beyond "
+            f"±{_FARTHEST:g} s in all: memory that was never written? Delete these rows."
+        ]
+    problems = []
+    declared = source is not None and bool(source.unit)
+    steps = np.diff(time)
+    back, same = np.flatnonzero(steps < 0), np.flatnonzero(steps == 0)
+    if len(back):
+        k = int(back[0])
+        problems.append(
+            f"{path}, {raw.place(k + 1)}: time runs backwards, from {time[k]:.9g} s to {time[k + 1]:.9g} s, "
+            f"{len(back)} time(s) in all: two recordings in one file, or rows out of order? Cut or sort the file."
+        )
+    if len(same) and not (source and source.duplicates):
+        k = int(same[0])
+        problems.append(
+            f"{path}, {raw.place(k + 1)}: the time stamp repeats the one before ({time[k]:.9g} s), {len(same)} in all: "
+            "log time with more digits; or, in columns.toml under [time], give the period, where rows are even, or "
+            'keep the first of each with duplicates = "first".'
+        )
+    step = float(np.median(steps))
+    if not declared and not len(back) and step >= _SLOWEST:
+        unit, word = "ns", "nano"
+        if step < 100:
+            unit, word = "ms", "milli"
+        elif step < 1e5:
+            unit, word = "us", "micro"
+        problems.append(
+            f"{path}: time looks like {word}seconds (rows are {step:.6g} apart, and s is expected): set "
+            f'unit = "{unit}" under [time] in columns.toml, or unit = "s" if it is right.'
+        )
+    if not declared and not len(back) and 0 < step < _FASTEST:
+        problems.append(
+            f"{path}: rows are {step:.3g} s apart, faster than any control loop: "
+            "set unit under [time] in columns.toml, or period = the true step in s."
+        )
+    return problems
+
+
+def _check_values(path: Path, raw: Table, mapped: Mapped, holes: bool) -> list[str]:
+    """Every value finite, unless ``holes`` are wanted, and of a size that an arm can have."""
+    problems = []
+    for name, values in mapped.columns.items():
+        part = values[mapped.start : mapped.stop]
+        bad = np.flatnonzero(~np.isfinite(part)) + mapped.start
+        if len(bad) and len(bad) == len(part) and not holes:
+            problems.append(f'{path}: column {name} has no value in any row: leave it out with ignore = ["{name}"].')
+        elif len(bad) and not holes:
+            longest = int(np.diff(stretches(~np.isfinite(part))).max())
+            problems.append(
+                f"{path}, {raw.place(int(bad[0]))}: column {name} has no value in {len(bad)} row(s), up to {longest} "
+                f'together: cut them, or fill them with columns.toml [{name}] fill = "linear" ("hold" for a command).'
+            )
+        huge = np.flatnonzero(np.abs(part) > _HUGE) + mapped.start
+        if len(huge) and np.isfinite(part[huge - mapped.start]).any():
+            k = int(huge[np.isfinite(values[huge])][0])
+            problems.append(
+                f"{path}, {raw.place(k)}: column {name} is {values[k]:.3g}, {len(huge)} value(s) beyond ±{_HUGE:g} in "
+                "all: memory that was never written? Delete these rows."
+            )
+    return problems
+
+
+def _gap_notes(time: np.ndarray, raw: Table, rows_of: np.ndarray) -> list[str]:
+    """Describe the gaps in ``time`` (T,), whose rows are ``rows_of`` (T,) of the file."""
+    rows, missing = gaps(time)
+    if not len(rows):
+        return []
+    k = int(rows[np.argmax(missing)])
+    share = 100 * missing.sum() / (len(time) + missing.sum())
+    return [
+        f"{missing.sum()} sample(s) are missing in {len(rows)} gap(s), {share:.2g} % of the log; "
+        f"the longest is {time[k + 1] - time[k]:.4g} s after {raw.place(int(rows_of[k]))}."
+    ]

@@ -1,0 +1,74 @@
+"""Tuning of the admittance law's inner loop, so that the predictive controller is compared with a good rival."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdagen.arm.compiled_arm import Arm
+from hdagen.control.guarded_controller import Controller
+from hdagen.control.reference_motion import Reference
+from hdagen.mpc.configuration import Configuration, gains_of
+from hdagen.simulation.simulated_sensors import Sensors
+from hdagen.simulation.simulator import Push, ideal, run
+
+TUNED = ("bandwidth", "observer_bandwidth", "velocity_cutoff")
+METHOD = "Nelder-Mead on the logarithms of the gains, cost: mean distance from the ideal motion"
+SPREAD = 3.0  # factor about the defaults, either way
+LIFE = 400  # of the simplex: evaluations
+SEED = 7
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """Gains of `admittance_cartesian`, and the mean distance from the ideal motion that they reach, m."""
+
+    gains: dict[str, float]
+    distance: float
+    evaluations: int
+
+
+def tune(
+    arm: Arm,
+    c: Configuration,
+    controller: Controller,
+    path: Reference,
+    pushes: Sequence[Push],
+    sensors: Sensors,
+    evaluations: int = 40,
+) -> Tuned:
+    """Tune the inner loop so that the tip comes nearest to the ideal motion on one run, by `METHOD`.
+
+    Args:
+        arm: The arm.
+        c: The configuration, whose admittance is asked for.
+        controller: The admittance law, which keeps the gains that were found.
+        path: The path of the run.
+        pushes: Forces on the tip.
+        sensors: The sensors.
+        evaluations: Runs that the tuning may take.
+
+    Returns:
+        The gains and the distance that they reach.
+
+    """
+    from scipy.optimize import minimize
+
+    start = np.log([controller.gains[name] for name in TUNED])
+    wanted = gains_of(c)
+
+    def distance(logarithms: np.ndarray) -> float:
+        inside = np.clip(logarithms, start - np.log(SPREAD), start + np.log(SPREAD))
+        controller.configure(controller.guard, {**wanted, **dict(zip(TUNED, np.exp(inside), strict=True))})
+        done = run(arm, controller, path, pushes, sensors, SEED)
+        goal = path.position + ideal(arm, controller, done.push, path.period)
+        return float(np.linalg.norm(done.tip - goal, axis=1).mean()) + float(np.abs(logarithms - inside).sum())
+
+    simplex = start + np.vstack([np.zeros(3), 0.4 * np.eye(3)])
+    options = {"maxfev": min(evaluations, LIFE), "initial_simplex": simplex, "xatol": 1e-2, "fatol": 1e-8}
+    found = minimize(distance, start, method="Nelder-Mead", options=options)
+    reached = distance(found.x)
+    gains = {name: float(controller.gains[name]) for name in TUNED}
+    return Tuned(gains, reached, int(found.nfev) + 1)

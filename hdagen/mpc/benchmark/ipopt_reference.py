@@ -1,0 +1,137 @@
+"""Plans beside the truth: the whole nonlinear problem of a tick, converged by IPOPT in a child process of `gen`."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.build_loader import PlantError
+from hdagen.arm.compiled_arm import load
+from hdagen.control.reference_motion import circle
+from hdagen.mpc.benchmark.law_comparison import CENTER, HARD, RADIUS, TURN, default
+from hdagen.mpc.benchmark.sqp_convergence import STEPS
+from hdagen.mpc.configuration import read
+from hdagen.mpc.predictive_controller import MPC, Problem
+from hdagen.simulation.simulated_sensors import Sensors
+from hdagen.simulation.simulator import run
+from hdagen.support.child_processes import start_together
+
+SAMPLES, SECONDS = 8, 4.0
+LONGEST = 120.0  # s, of the child process
+
+
+def ask(robot: str, structure: str, problems: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Solve problems with IPOPT, in a child process.
+
+    Args:
+        robot: A preset or the path of a robot.toml.
+        structure: Structure of the controller, as `python -m gen build --mpc` takes it.
+        problems: Problems, as `python -m gen truth` takes them.
+
+    Returns:
+        One answer for each problem.
+
+    Raises:
+        PlantError: The process fails, or takes too long.
+
+    """
+    command = [sys.executable, "-P", "-m", "gen", "truth", f"--mpc={structure}", "--", robot]
+    beside = os.pathsep.join(filter(None, (str(Path(__file__).parents[3]), os.environ.get("PYTHONPATH"))))
+    environment, pipe = {**os.environ, "PYTHONPATH": beside}, subprocess.PIPE
+    try:
+        with start_together(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment) as child:
+            printed, said = child.communicate(json.dumps(problems), LONGEST)
+    except subprocess.TimeoutExpired as error:
+        raise PlantError(f"the reference did not finish within {LONGEST:g} s; take fewer samples or nodes.") from error
+    if child.returncode:
+        raise PlantError(said.strip()[-2000:] or "the reference failed without a word.")
+    return list(json.loads(printed))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A tick's problem, answered: cost of the truth's plan and of the tick's, both on finely integrated dynamics and
+    with the penalties that they then need; the largest difference of their first torques, share of the largest."""
+
+    tick: int
+    status: str
+    iterations: int
+    cost: float
+    cost_of_plan: float
+    apart: float
+
+
+def against_truth(config: str | None = None, profile: str = "native", samples: int = SAMPLES) -> tuple[Answer, ...]:
+    """Compare ticks of the table's second course with the truth, the controller converged.
+
+    Args:
+        config: Path of a controller.toml; None: the configuration of the table.
+        profile: Profile of the build.
+        samples: Count of ticks that are compared.
+
+    Returns:
+        The comparison of each tick.
+
+    Raises:
+        PlantError: The configuration is refused, or IPOPT fails.
+
+    """
+    c = default()
+    if config is not None:
+        c = read(config)
+    c = c.changed(c.walls, mpc__steps=STEPS)
+    arm = load("paper", profile, mpc=c)
+    controller = MPC(arm, c)
+    path = circle(RADIUS, CENTER, TURN, SECONDS, float(c["mpc.period"]))
+    chosen = np.linspace(50, len(path.position) - 2, samples).astype(int)
+    taken: list[Problem] = []
+    count = 0
+
+    def tick() -> None:
+        nonlocal count
+        controller.prepare()
+        controller.step()
+        if count in chosen:
+            taken.append(controller.whole())
+        count += 1
+
+    controller.through(tick)
+    run(arm, controller, path, [push for push in HARD if push.start < SECONDS], Sensors(), 1)
+    controller.through(None)
+    out = []
+    for at, one, answer in zip(chosen, taken, ask("paper", c.structure, [one.data for one in taken]), strict=True):
+        apart = float(np.abs(np.array(answer["T"])[0] - _first(one)).max())
+        costs = (float(answer["cost"]), float(answer["cost_of_plan"]))
+        out.append(Answer(int(at), str(answer["status"]), int(answer["iterations"]), *costs, apart))
+    return tuple(out)
+
+
+def beside(found: tuple[Answer, ...]) -> list[str]:
+    """Format the comparison for a terminal.
+
+    Args:
+        found: The comparison of each tick.
+
+    Returns:
+        Lines of text.
+
+    """
+    out = [
+        "plans beside IPOPT's of the whole problem: tick, status, iterations, its cost, the plan's, first torque apart"
+    ]
+    for one in found:
+        costs = f"{one.cost:.3e} {one.cost_of_plan:.3e} {one.apart:.1e}"
+        out.append(f"  {one.tick:5} {one.status:28} {one.iterations:4} {costs}")
+    return out
+
+
+def _first(one: Problem) -> Array:
+    return np.asarray(one.data["T"], float).reshape(-1, len(one.data["before"]))[0]

@@ -1,0 +1,222 @@
+"""Closed loops of any controller against the compiled arm, with walls in the world: the broken limits, the distance of
+the tip from the ideal admittance motion, and its contact force.
+
+The ideal motion is M ẍ + B ẋ + K x = F about the commanded path, driven by the true force of the world on the tip,
+walls included. A wall pushes with its stiffness times the depth, and damps motion into it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
+from hdagen.control.guarded_controller import Controller
+from hdagen.control.reference_motion import Reference
+from hdagen.mpc.compiled_settings import torque_limits
+from hdagen.mpc.configuration import Configuration, Wall, gains_of, limits_of
+from hdagen.mpc.predictive_controller import MPC, Report
+from hdagen.simulation.simulated_sensors import Sensors
+from hdagen.simulation.simulator import Push, Simulation, ideal, run
+
+DAMPING = 0.02  # s: damping of a wall per stiffness
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run: the simulation, the force of the walls (T, 2, N), reports of a predictive controller, and the time of its
+    ticks (T, 2, s of thread time: preparation, tick)."""
+
+    simulation: Simulation
+    wall_force: Array
+    reports: tuple[Report, ...]
+    times: Array
+    problems: tuple[tuple[Array, Array], ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A run in numbers. ``violated``: largest excess of each limit by its family's name, SI, 0 where it held."""
+
+    distance: float  # median distance of the tip from the ideal motion, m
+    largest: float  # m
+    free_distance: float  # median of it over ticks in which no limit was near, m
+    contact: float  # largest contact force, N
+    released: float  # root mean square distance from the path after the last push, m
+    refused: int  # ticks
+    violated: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class World:
+    """Walls that push: the force on the tip at every tick."""
+
+    walls: Sequence[Wall]
+    forces: list[Array] = field(default_factory=list)
+
+    def __call__(self, tip: Array, velocity: Array) -> Array:
+        """Force of the walls on the tip, N (2)."""
+        total = np.zeros(2)
+        for wall in self.walls:
+            normal = np.array(wall.normal)
+            depth = float(normal @ tip) - wall.offset
+            if wall.stiffness is not None and depth > 0:
+                push = wall.stiffness * (depth + DAMPING * max(float(normal @ velocity), 0.0))
+                total -= push * normal
+        self.forces.append(total)
+        return total
+
+
+@dataclass
+class Recorder:
+    """Runs a predictive controller's tick in parts: preparation, tick, report."""
+
+    controller: MPC
+    keep: bool
+    reports: list[Report] = field(default_factory=list)
+    times: list[tuple[float, float]] = field(default_factory=list)
+    problems: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def run(self) -> None:
+        """Run one tick and time it."""
+        from time import thread_time
+
+        begun = thread_time()
+        self.controller.prepare()
+        ready = thread_time()
+        self.controller.step()
+        self.times.append((ready - begun, thread_time() - ready))
+        self.reports.append(self.controller.report())
+        if self.keep:
+            self.problems.append(self.controller.problem())
+
+
+def trial(
+    arm: Arm,
+    controller: Controller,
+    path: Reference,
+    pushes: Sequence[Push] = (),
+    sensors: Sensors | None = None,
+    walls: Sequence[Wall] = (),
+    seed: int = 0,
+    start: Array | None = None,
+    keep: bool = False,
+) -> Trial:
+    """Run a controller on an arm along a path.
+
+    Args:
+        arm: The plant, which may differ from the controller's arm.
+        controller: The controller.
+        path: The path to follow.
+        pushes: Forces on the tip.
+        sensors: The sensors; None: the robot file's.
+        walls: Walls of the world; those without a stiffness push nothing.
+        seed: Seed of the sensors' noise.
+        start: Positions of the joints at the start, (n); None: on the path.
+        keep: Whether the problems of a predictive controller are kept.
+
+    Returns:
+        The run.
+
+    Raises:
+        PlantError: The path, a push or the sensors are not possible.
+
+    """
+    world, pressed = None, [wall for wall in walls if wall.stiffness is not None]
+    if pressed:
+        world = World(pressed)
+    if not isinstance(controller, MPC):
+        done = run(arm, controller, path, pushes, sensors, seed, start, world=world)
+        return Trial(done, _forces(world, done), (), np.empty((0, 2)))
+    recorder = Recorder(controller, keep)
+    controller.through(recorder.run)
+    try:
+        done = run(arm, controller, path, pushes, sensors, seed, start, world=world)
+    finally:
+        controller.through(None)
+    reports, times = tuple(recorder.reports), np.array(recorder.times)
+    return Trial(done, _forces(world, done), reports, times, tuple(recorder.problems))
+
+
+def _forces(world: World | None, done: Simulation) -> Array:
+    """Force of the walls at every row."""
+    if world is None:
+        return np.zeros_like(done.push)
+    return np.array(world.forces[: len(done.push)])
+
+
+def outcome(arm: Arm, c: Configuration, path: Reference, found: Trial, controller: Controller) -> Outcome:
+    """Evaluate a run against the limits and the admittance of a configuration.
+
+    Args:
+        arm: The controlled arm.
+        c: The configuration.
+        path: The commanded path of the tip.
+        found: The run.
+        controller: The controller of the run.
+
+    Returns:
+        The numbers of the run.
+
+    """
+    s = found.simulation
+    goal = path.position + ideal(arm, controller, s.push, path.period, gains_of(c))
+    distance = np.linalg.norm(s.tip - goal, axis=1)
+    broken, near = excess(arm, c, s)
+    free = distance[~near]
+    free_distance, start = 0.0, 0
+    if len(free):
+        free_distance = float(np.median(free))
+    pushed = np.flatnonzero(np.abs(s.push - found.wall_force).sum(1) > 1e-9)
+    if len(pushed):
+        start = min(len(distance) - 1, pushed[-1] + 500)
+    return Outcome(
+        distance=float(np.median(distance)),
+        largest=float(distance.max()),
+        free_distance=free_distance,
+        contact=float(np.linalg.norm(found.wall_force, axis=1).max(initial=0.0)),
+        released=float(np.sqrt(np.mean(np.sum((s.tip - path.position)[start:] ** 2, 1)))),
+        refused=int((s.status < 0).sum()),
+        violated=broken,
+    )
+
+
+def _motor_velocity(arm: Arm, s: Simulation) -> Array:
+    """Motor velocities (T, n) rad/s; of a rigid drive, whose motor has no state, from its joint."""
+    columns = []
+    for j in range(1, arm.n + 1):
+        if f"motor_velocity_{j}" in arm.state_names:
+            columns.append(s.state[:, arm.index(f"motor_velocity_{j}")])
+        else:
+            columns.append(s.state[:, arm.index(f"joint_velocity_{j}")] * arm.parameters[f"ratio_{j}"])
+    return np.stack(columns, 1)
+
+
+def excess(arm: Arm, c: Configuration, s: Simulation) -> tuple[dict[str, float], Any]:
+    """How far each family of limits was broken, SI, and the ticks in which any was within 5 % of its bound."""
+    limits, period = limits_of(arm.robot, c), float(c["mpc.period"])
+    q = s.state[:, [arm.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]]
+    low, high = np.array(limits["joint_low"]), np.array(limits["joint_high"])
+    speed = np.linalg.norm(np.gradient(s.tip, period, axis=0), axis=1)
+    most = np.array(torque_limits(arm, c) or [np.inf] * arm.n)
+    shares = {
+        "joint_position": (np.maximum(q - high, low - q).max(1), 0.05),
+        "motor_speed": (
+            (np.abs(_motor_velocity(arm, s)) - np.array(limits["motor_speed"])).max(1),
+            0.05 * max(limits["motor_speed"]),
+        ),
+        "joint_torque": (
+            (np.abs(s.joint_torque) - np.array(limits["joint_torque"])).max(1),
+            0.05 * max(limits["joint_torque"]),
+        ),
+        "tip_speed": (speed - c["limits.tip_speed"], 0.1 * c["limits.tip_speed"]),
+    }
+    for k, wall in enumerate(c.walls, 1):
+        shares[f"wall_{k}"] = (s.tip @ np.array(wall.normal) - wall.offset - wall.give, 2e-3)
+    near = np.any([over > -band for over, band in shares.values()], axis=0)
+    near |= np.any(np.abs(s.torque) > 0.98 * most, axis=1)
+    return {name: max(0.0, float(over.max())) for name, (over, _) in shares.items()}, near

@@ -1,0 +1,137 @@
+"""The record that `hdagen simulate --controller mpc` writes beside the log and `hdagen mpc explain` reads: one row a
+tick."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
+from hdagen.control.reference_motion import Reference
+from hdagen.log import data_table
+from hdagen.log.data_table import LogError
+from hdagen.log.measured_log import LARGEST
+from hdagen.mpc.closed_loop_trial import Trial
+from hdagen.mpc.compiled_settings import FAMILIES
+from hdagen.support.input_file import InputFileError, check_file
+
+COLUMNS = (
+    "time",
+    "tip_x",
+    "tip_y",
+    "path_x",
+    "path_y",
+    "target_x",
+    "target_y",
+    "predicted_x",
+    "predicted_y",
+    "ahead",
+    "status",
+    "rung",
+    "interior",
+    "factored",
+    "prepare_time",
+    "tick_time",
+    "collision",
+    "innovation",
+    "tip_force_x",
+    "tip_force_y",
+)
+
+
+def beside(log: Path) -> Path:
+    """Name the record of a log.
+
+    Args:
+        log: Path of the log.
+
+    Returns:
+        Path of the controller's record beside it.
+
+    """
+    return log.with_suffix(".mpc.parquet")
+
+
+def columns(arm: Arm, found: Trial, path: Reference, grid: tuple[float, ...]) -> dict[str, Array]:
+    """Build the record of a run, one row a tick.
+
+    Args:
+        arm: The controller's arm.
+        found: The run.
+        path: The commanded path.
+        grid: Length of each node, s.
+
+    Returns:
+        Columns by name, SI. ``target`` is the place of the tip that the admittance asks for; ``predicted`` is its place
+        now by the plan that was made ``ahead`` seconds before.
+
+    """
+    from hdagen.mpc.predictive_controller import RUNGS
+
+    s, reports = found.simulation, found.reports
+    names = arm.manifest["mpc"]["state"]
+    node = len(grid) // 2
+    ahead = float(sum(grid[: node + 1]))
+    q = np.array([r.predicted[node] for r in reports])[
+        :, [names.index(f"joint_position_{j}") for j in range(1, arm.n + 1)]
+    ]
+    seen = arm.evaluate("points", q=q)["points"][:, -2:]
+    late = round(ahead / path.period)
+    predicted = np.full_like(seen, np.nan)
+    predicted[late:] = seen[: len(seen) - late]
+    out: dict[str, Array] = {"time": path.time, "tip_x": s.tip[:, 0], "tip_y": s.tip[:, 1]}
+    wanted = path.position + np.array([r.yielded for r in reports])[:, : path.position.shape[1]]
+    ways = {"path": path.position, "target": wanted}
+    if path.space == "joint":
+        ways = {name: arm.evaluate("points", q=way)["points"][:, -2:] for name, way in ways.items()}
+    for name, way in {**ways, "predicted": predicted}.items():
+        out |= {f"{name}_x": way[:, 0], f"{name}_y": way[:, 1]}
+    out |= {"ahead": np.full(len(seen), ahead), "status": s.status.astype(float)}
+    out |= {"rung": np.array([float(RUNGS.index(r.rung)) for r in reports])}
+    for name in ("interior", "factored", "collision", "innovation"):
+        out[name] = np.array([float(getattr(r, name)) for r in reports])
+    out |= {"prepare_time": found.times[:, 0], "tick_time": found.times[:, 1]}
+    out |= {"tip_force_x": s.push[:, 0], "tip_force_y": s.push[:, 1]}
+    for family in FAMILIES:
+        out[f"active_{family}"] = np.array([float(r.active[family]) for r in reports])
+        out[f"violated_{family}"] = np.array([max(0.0, r.violated[family]) for r in reports])
+    return {name: np.ascontiguousarray(values, float) for name, values in out.items()}
+
+
+def read(path: Path) -> dict[str, Array]:
+    """Read the record of a log.
+
+    Args:
+        path: The log, or the record itself.
+
+    Returns:
+        Columns by name, SI.
+
+    Raises:
+        LogError: There is no record, or it cannot be read.
+
+    """
+    place = path
+    if path.name and not path.name.endswith(".mpc.parquet"):
+        place = beside(path)
+    try:
+        check_file(
+            place,
+            LARGEST,
+            "`hdagen simulate --controller mpc` writes the predictive controller's record of a log",
+        )
+    except InputFileError as error:
+        raise LogError([str(error)]) from None
+    expected = [*COLUMNS, *(f"{what}_{family}" for what in ("active", "violated") for family in FAMILIES)]
+    content = data_table.read_parquet(place, lambda name: name in expected).columns
+    missing = [name for name in expected if name not in content]
+    if missing:
+        raise LogError(
+            [
+                f"{place}: {', '.join(missing[:5])} missing; it is no record of the predictive controller: "
+                f"simulate again."
+            ]
+        )
+    return {name: np.asarray(content[name], float) for name in expected}

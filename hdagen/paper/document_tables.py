@@ -1,0 +1,57 @@
+"""The tables of docs/paper.md, made of the results of `hdagen paper all`; docs/paper.json is a copy of these."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hdagen.paper.paper_page import HOLDS, heading
+
+SWEEP = ("sets", "sweep_seconds", "sweep_processor_seconds")
+
+
+def results(contents: Sequence[Mapping[str, Any]]) -> str:
+    """Collect the claims and choices of all figures, and the duration of their sweeps.
+
+    Args:
+        contents: the JSON of each figure.
+
+    Returns:
+        The text of results.json.
+
+    """
+    kept = []
+    for content in contents:
+        one = {key: content[key] for key in ("name", "title", "claims", "choices")}
+        numbers = content.get("numbers", {})
+        if all(key in numbers for key in SWEEP):
+            one["sweep"] = {key: numbers[key] for key in SWEEP}
+        kept.append(one)
+    return json.dumps(kept, indent=1, ensure_ascii=False) + "\n"
+
+
+def tables(found: Sequence[Mapping[str, Any]]) -> str:
+    """Render the claims and the choices of all figures.
+
+    Args:
+        found: the content of results.json.
+
+    Returns:
+        Two tables in Markdown.
+
+    """
+    lines = ["| | the paper | here | holds | why they differ, or from where on |", "|---|---|---|---|---|"]
+    for figure in found:
+        for claim in figure["claims"]:
+            cells = (claim["paper"], claim["here"], HOLDS[claim["holds"]], claim["why"])
+            lines.append(_row(heading(figure["name"]), *cells))
+    lines += ["", "What the paper leaves open:", "", "| | question | taken | alternatives |", "|---|---|---|---|"]
+    for figure in found:
+        for choice in figure["choices"]:
+            lines.append(_row(heading(figure["name"]), choice["question"], choice["taken"], choice["alternatives"]))
+    return "\n".join(lines)
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"

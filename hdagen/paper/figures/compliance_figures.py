@@ -1,0 +1,285 @@
+"""Compliance under admittance control, Fig. 11, and impedance control, Fig. 12: the tip on a circle is pushed in x and
+then in y, while M, B and K vary one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.control.reference_motion import circle
+from hdagen.paper.prototype.figure_result import Axes, Choice, Claim, Curve, Grid, Result
+from hdagen.paper.prototype.step_response import answers, ideally
+from hdagen.paper.prototype.virtual_prototype import (
+    BANDS,
+    LAWS,
+    PERIOD,
+    PUSH,
+    PUSHES,
+    RADIUS,
+    TURN,
+    Bench,
+    cartesian,
+    pushed,
+    turns,
+)
+from hdagen.simulation.simulator import Simulation
+
+SECONDS = 10.0
+BASE = {"M": 4.0, "B": 40.0, "K": 500.0}  # kg, N s/m, N/m, assumed: damping ratio 0.45, so that overshoot is seen
+VARIED = {"M": (1.0, 4.0, 16.0), "B": (20.0, 40.0, 80.0), "K": (250.0, 500.0, 1000.0)}
+SEEN = 0.02  # smallest overshoot that stands out of noise and friction; a smaller one counts as this
+FLAT = 0.3  # largest power of K at which the settling time counts as independent of K
+CIRCLES = ((0.2, 0.0, 2.5), (0.2, 0.0, 10.0), (0.15, 0.1, TURN))  # m, m, s a turn: alternatives to the one of III.C
+UNITS = {"M": "kg", "B": "N s/m", "K": "N/m"}
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A law with one of M, B, K at three values: displacement (T, 3, 2, m) of the arm and of the ideal, and the
+    runs."""
+
+    letter: str
+    moved: Array
+    ideal: Array
+    runs: tuple[Simulation, ...]
+
+    def answers(self) -> tuple[Array, Array]:
+        """Measure the responses of the arm and of the ideal, each (3, 2, 3) as `hdagen.paper.prototype.step_response`
+        has them."""
+        return answers(self.moved, PUSHES, PERIOD), answers(self.ideal, PUSHES, PERIOD)
+
+
+def varied(bench: Bench, law: str, letter: str, fine: bool = False) -> Varied:
+    """Run a law with three values of M, B or K, with Hall sensors or with 4096 counts a turn."""
+    path = turns(SECONDS)
+    sets = [tuple({**BASE, letter: value}.values()) for value in VARIED[letter]]
+    runs = tuple(
+        bench.once((law, fine, *one), partial(pushed, bench, law, cartesian(*one), path, fine=fine)) for one in sets
+    )
+    moved = np.stack([run.tip - path.position for run in runs], axis=1)
+    return Varied(letter, moved, ideally(np.array(sets), PUSHES, SECONDS, PERIOD), runs)
+
+
+def _all_varied(bench: Bench, law: str, fine: bool = False) -> dict[str, Varied]:
+    """The runs of a law with each of M, B and K varied."""
+    return {letter: varied(bench, law, letter, fine) for letter in VARIED}
+
+
+def fig11(bench: Bench) -> Result:
+    """Make Fig. 11: admittance control."""
+    return _figure(bench, "fig11", "admittance")
+
+
+def fig12(bench: Bench) -> Result:
+    """Make Fig. 12: impedance control."""
+    return _figure(bench, "fig12", "impedance")
+
+
+def _figure(bench: Bench, name: str, law: str) -> Result:
+    path = turns(SECONDS)
+    every, fine = _all_varied(bench, law), _all_varied(bench, law, fine=True)
+    parts: list[Axes | Grid] = []
+    for row, (letter, one) in enumerate(every.items()):
+        for axis, word in enumerate("xy"):
+            values = [f"{letter} = {value:g} {UNITS[letter]}" for value in VARIED[letter]]
+            curves = [Curve(words, path.time, one.moved[:, k, axis]) for k, words in enumerate(values)]
+            curves += [
+                Curve(label, path.time, one.ideal[:, k, axis], color="ink", dash="dotted", width=0.8)
+                for k, label in enumerate(("ideal", "", ""))  # the legend names them once
+            ]
+            heading = f"({'abcdef'[2 * row + axis]}) {word}, {letter} varied"
+            parts.append(Axes(heading, "time (s)", "tip off the circle (m)", curves, bands=[BANDS[axis]]))
+    parts.append(_table(every))
+    gap = {
+        letter: float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for letter, one in every.items()
+    }
+    numbers = {}
+    for letter, one in every.items():
+        arm, ideal = one.answers()
+        numbers[letter] = {"arm": arm.tolist(), "ideal": ideal.tolist()}
+    logs = {
+        f"{letter}{value:g}": run.log
+        for letter, one in every.items()
+        for value, run in zip(VARIED[letter], one.runs, strict=True)
+    }
+    text = (
+        f"The tip on the circle of III.C, pushed by {PUSH:g} N in x from 3 to 4 s and in y from 6 to 7 s; how far it "
+        f"is off the moving point. Base: M = {BASE['M']:g} kg, B = {BASE['B']:g} N s/m, K = {BASE['K']:g} N/m. Hall "
+        "sensors, current loop, delay, friction and torsion as in the prototype. Dotted: what M, B and K promise."
+    )
+    claims = _claims(law, every, fine, gap)
+    if law == "impedance":
+        claims.append(_alike(bench))
+    return Result(
+        name,
+        f"{law.capitalize()} control, M, B and K varied",
+        text,
+        parts,
+        claims,
+        {"answers": numbers, "largest_gap_to_ideal": gap, "kept": kept(every), "kept_4096": kept(fine)},
+        2,
+        _choices(bench, law, every),
+        logs,
+    )
+
+
+def _table(every: Mapping[str, Varied]) -> Grid:
+    columns = (
+        "",
+        "settling x (s)",
+        "ideal",
+        "overshoot x (%)",
+        "ideal ",
+        "largest x (mm)",
+        "ideal  ",
+        "largest y (mm)",
+    )
+    rows: list[tuple[str | float, ...]] = []
+    for letter, one in every.items():
+        arm, ideal = one.answers()
+        for k, value in enumerate(VARIED[letter]):
+            row: list[str | float] = [f"{letter} = {value:g} {UNITS[letter]}"]
+            for measure, scale in ((0, 1.0), (1, 100.0), (2, 1e3)):
+                row += [scale * float(arm[k, 0, measure]), scale * float(ideal[k, 0, measure])]
+            rows.append((*row, 1e3 * float(arm[k, 1, 2])))
+    return Grid("settling to 10 % after the push, swing past the path, largest displacement", columns, rows, digits=3)
+
+
+def _answer(found: Array) -> str:
+    settling, overshoot, largest = found
+    return f"settled after {settling:.2f} s, overshoot {100 * overshoot:.0f} %, {1e3 * largest:.1f} mm"
+
+
+def _words(values: Array, unit: str, scale: float = 1.0) -> str:
+    words = ("never" if np.isnan(value) else f"{scale * value:.3g}" for value in values)
+    return f"{' / '.join(words)} {unit}"
+
+
+def kept(every: Mapping[str, Varied]) -> dict[str, bool]:
+    """Tell which of the paper's claims hold for the runs, in both axes."""
+    M, B, K = (every[letter].answers()[0] for letter in "MBK")
+    rise = {
+        "M settles": M[..., 0],
+        "M swings": M[..., 1],
+        "B settles": -B[..., 0],
+        "B swings": -B[..., 1],
+        "K moves": -K[..., 2],
+        "K swings": -K[..., 1],
+    }
+    found = {name: bool((np.diff(values, axis=0) > 0).all()) for name, values in rise.items()}
+    spread = np.log(K[..., 0].max(axis=0) / K[..., 0].min(axis=0)) / np.log(max(VARIED["K"]) / min(VARIED["K"]))
+    found["K settles"] = bool((spread < FLAT).all())
+    return found
+
+
+def trends(every: Mapping[str, Varied]) -> Array:
+    """Powers of M and of B in settling time and overshoot, between the ends of their ranges, in x and y: (2, 2, 2)."""
+    found = []
+    for letter in "MB":
+        ends = every[letter].answers()[0][[0, -1], :, :2]
+        ends[..., 1] = np.maximum(ends[..., 1], SEEN)
+        found.append(np.log(ends[1] / ends[0]) / np.log(VARIED[letter][-1] / VARIED[letter][0]))
+    return np.array(found)
+
+
+def _alike(bench: Bench) -> Claim:
+    """Claim that both laws have similar trends in B and M."""
+    apart, words = {}, []
+    for fine, sensors in ((False, "Hall sensors"), (True, "4096 counts")):
+        impedance, admittance = (trends(_all_varied(bench, law, fine)) for law in LAWS)
+        apart[fine] = float(np.abs(impedance - admittance).max())
+        differ = f"{apart[fine]:.2f}"
+        if not np.isfinite(apart[fine]):
+            differ = "impedance control does not settle for every set"
+        words.append(f"{sensors}: {differ}")
+    return Claim(
+        "the two compliance control methods have similar trends for adjusting parameters B and M",
+        f"powers of M and B with which settling and overshoot go differ by at most, {'; '.join(words)}",
+        bool(apart[True] < FLAT),
+        f"held alike below {FLAT:g}, with encoders that let both laws follow their M, B and K",
+    )
+
+
+def _claims(law: str, every: Mapping[str, Varied], fine: Mapping[str, Varied], gap: Mapping[str, float]) -> list[Claim]:
+    M, B, K = (every[letter].answers()[0] for letter in "MBK")
+    hall, with_encoders = kept(every), kept(fine)
+
+    def claim(paper: str, here: str, names: Sequence[str], why: str = "") -> Claim:
+        holds, other = all(hall[name] for name in names), all(with_encoders[name] for name in names)
+        reasons = [why]
+        if other and not holds:
+            reasons.insert(0, "with 4096 counts a turn it holds")
+        if holds and not other:
+            reasons.insert(0, "with 4096 counts a turn it does not hold")
+        return Claim(paper, here, holds, "; ".join(filter(None, reasons)))
+
+    gap_fine = max(float(np.abs(one.moved - one.ideal).max() / np.abs(one.ideal).max()) for one in fine.values())
+    return [
+        claim(
+            "a smaller M answers faster with less overshoot",
+            f"M of 1, 4, 16 kg: settled after {_words(M[:, 0, 0], 's')} in x, {_words(M[:, 1, 0], 's')} in y; "
+            f"overshoot in x {_words(M[:, 0, 1], '%', 100)}",
+            ("M settles", "M swings"),
+        ),
+        claim(
+            "a larger B answers faster with less overshoot",
+            f"B of 20, 40, 80 N s/m: settled after {_words(B[:, 0, 0], 's')} in x, {_words(B[:, 1, 0], 's')} in y; "
+            f"overshoot in x {_words(B[:, 0, 1], '%', 100)}",
+            ("B settles", "B swings"),
+            "holds while under-damped; the maps show where it stops",
+        ),
+        claim(
+            "a larger K moves less, so the compliance is worse",
+            f"K of 250, 500, 1000 N/m: at most {_words(K[:, 0, 2], 'mm', 1e3)} in x, {_words(K[:, 1, 2], 'mm', 1e3)} "
+            "in y",
+            ("K moves",),
+        ),
+        claim(
+            "when K increases, the overshoot decreases",
+            f"the swing past the path after the push, in x {_words(K[:, 0, 1], '%', 100)} of the largest displacement, "
+            f"{_words(K[:, 0, 1] * K[:, 0, 2], 'mm', 1e3)}",
+            ("K swings",),
+            "a stiffer spring on the same M and B is less damped; what decreases is the displacement itself, above",
+        ),
+        claim(
+            "K does not affect the settling time",
+            f"settled after {_words(K[:, 0, 0], 's')} in x, {_words(K[:, 1, 0], 's')} in y",
+            ("K settles",),
+            f"held equal where it goes with less than the power {FLAT:g} of K (with M and B it goes with about 1): the "
+            "envelope is 2 M/B for every K while under-damped, and settling to a band comes in half swings",
+        ),
+        Claim(
+            "the arm follows its M, B and K",
+            f"at most {100 * max(gap.values()):.0f} % of the largest displacement off the ideal; with 4096 counts "
+            f"{100 * gap_fine:.0f} %",
+            None,
+            f"{law} control over drives with Hall sensors: the inner loop has 25 rad/s, with encoders 50 rad/s",
+        ),
+    ]
+
+
+def _choices(bench: Bench, law: str, every: Mapping[str, Varied]) -> list[Choice]:
+    own = every["M"].answers()[0][1, 0]
+    words = []
+    for x, y, turn in CIRCLES:
+        path = circle(RADIUS, (x, y), turn, SECONDS)
+        make = partial(pushed, bench, law, cartesian(*BASE.values()), path)
+        run = bench.once((law, x, y, turn), make)
+        found = answers((run.tip - path.position)[:, None], PUSHES, PERIOD)[0, 0]
+        words.append(f"({x:g}, {y:g}) m, {turn:g} s: {_answer(found)}")
+    return [
+        Choice(
+            "M, B, K and the force of Fig. 11 and 12",
+            f"M, B, K about {tuple(BASE.values())}, {PUSH:g} N",
+            "the maps: 10 000 other sets",
+        ),
+        Choice(
+            "centre and speed of the circle",
+            f"(0.2, 0) m, 5 s a turn: {_answer(own)} in x",
+            "; ".join(words),
+        ),
+    ]

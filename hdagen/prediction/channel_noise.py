@@ -1,0 +1,68 @@
+"""The noise of a log's channels, as the robot file states it or as they show it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.compiled_arm import Arm
+from hdagen.arm.ratings import torque_constant
+from hdagen.log.channel_statistics import describe
+from hdagen.log.measured_log import Log
+from hdagen.log.timestamps import clock_noise
+from hdagen.prediction.measurement_model import encoder_noise
+
+
+def channel_noise(arm: Arm, log: Log, name: str, rows: NDArray[np.bool_] | slice = slice(None)) -> float:
+    """Compute the noise of a channel.
+
+    Args:
+        arm: The arm, with its robot file.
+        log: The log.
+        name: The channel.
+        rows: The rows that count, a mask (T) or a slice.
+
+    Returns:
+        Standard deviation, in the channel's unit: as the robot file states, with the noise of uncertain instants at the
+        speeds of the rows; where it states none, as the channel shows in the rows.
+
+    """
+    known = _stated_noise(arm, name)
+    if not known:
+        return describe(name, log[name][rows]).noise
+    instants = instants_noise(arm, log, name)[rows]
+    return math.hypot(known, float(np.sqrt(np.mean(instants**2))))
+
+
+def instants_noise(arm: Arm, log: Log, name: str) -> Array:
+    """Compute the noise of a channel that uncertain instants cause.
+
+    Args:
+        arm: The arm, with its robot file.
+        log: The log.
+        name: The channel.
+
+    Returns:
+        (T), standard deviations, in the channel's unit. It is 0 for channels that are no position, or whose sensor's
+        noise the robot file does not state: the noise that these show contains it.
+
+    """
+    if not name.rpartition("_")[0].endswith("position") or not _stated_noise(arm, name):
+        return np.zeros(len(log))
+    return clock_noise(log.time, log[name], log.time_uncertainty)
+
+
+def _stated_noise(arm: Arm, name: str) -> float:
+    """The standard deviation of a channel's noise as the robot file states it; 0 where it states none."""
+    quantity, _, j = name.rpartition("_")
+    sensor = arm.robot["joints"][int(j) - 1]["sensor"]
+    if quantity.endswith("position"):
+        return encoder_noise(sensor, quantity.split("_")[0])
+    if quantity != "motor_torque":
+        return float(sensor["current_noise"])
+    if name in arm.input_names:  # else it stands for a current, whose noise the robot file states
+        return 0.0
+    return float(sensor["current_noise"] * torque_constant(arm, int(j)))

@@ -1,0 +1,267 @@
+"""Closed-loop replay: the controller that drove the machine drives the model, from the logged reference and the
+simulated encoders.
+
+controller.toml states for every joint the cascade of a position loop in a velocity loop:
+
+    command = torque_scale · clip(kv (kp (reference − position) − velocity), ± limit)
+
+The velocity is the mean rate over the last ``velocity_filter_samples`` rows, the difference of a moving average.
+Source: Janot, Gautier, Brunot, Data set and reference models of EMPS (2019), 1.3 and Fig. 2, where the average is over
+two rows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdagen.arm.arrays import Array
+from hdagen.arm.build_loader import PlantError
+from hdagen.arm.compiled_arm import Arm
+from hdagen.arm.input_stage import InputStage
+from hdagen.log.channel_statistics import describe
+from hdagen.log.data_table import LogError
+from hdagen.log.measured_log import Log
+from hdagen.prediction.driving_inputs import acted_on, driven_by
+from hdagen.prediction.kalman_filter import estimate
+from hdagen.prediction.measurement_model import Readings, mechanical
+from hdagen.prediction.window_replay import Replay, check, compare, window_starts
+from hdagen.support.input_file import InputFileError, read_toml
+from hdagen.support.messages import shown, shown_path
+
+_LARGEST = 100_000  # bytes of a controller.toml
+_REMEMBERED = 512  # rows of commands before a window that start the input stage
+_MOST_SAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Law:
+    """The law of one joint.
+
+    Attributes:
+        kp: Gain of the position loop, 1/s.
+        kv: Gain of the velocity loop, the command's unit before ``torque_scale`` a rad/s (m/s).
+        velocity_filter_samples: Rows over which the velocity is the mean rate.
+        torque_scale: Factor on the command.
+        limit: Largest command before ``torque_scale``.
+        encoder: "joint", or "motor" (its angle over the ratio).
+
+    """
+
+    kp: float
+    kv: float
+    velocity_filter_samples: int = 1
+    torque_scale: float = 1.0
+    limit: float = math.inf
+    encoder: str = "joint"
+
+
+def read_controller(path: str | Path) -> tuple[Law, ...]:
+    """Read the laws of a controller.toml.
+
+    Args:
+        path: The file.
+
+    Returns:
+        One law a [[joint]], base first.
+
+    Raises:
+        PlantError: The file cannot be used; every problem is listed.
+
+    """
+    try:
+        content = read_toml(Path(path), _LARGEST, "see docs/replay.md for what a controller.toml holds")
+    except InputFileError as error:
+        raise PlantError(error) from None
+    path = shown_path(path)
+    problems = [
+        f"{path}: unknown key {key[:40]!r}; possible is [[joint]], one a joint." for key in content if key != "joint"
+    ]
+    tables = content.get("joint")
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
+        raise PlantError(
+            "\n".join([*problems, f"{path}: found no [[joint]] table; write one a joint, with kp and kv."])
+        )
+    laws = [_law(f"{path}, joint {j}", table, problems) for j, table in enumerate(tables, 1)]
+    if problems:
+        raise PlantError("\n".join(problems))
+    return tuple(law for law in laws if law is not None)
+
+
+def _law(where: str, table: Mapping[str, Any], problems: list[str]) -> Law | None:
+    """One joint's law, or None and why not."""
+    before = len(problems)
+    known = {"kp": (0.0, 1e6), "kv": (0.0, 1e9), "torque_scale": (-1e6, 1e6), "limit": (0.0, 1e9)}
+    for key, value in table.items():
+        if key == "velocity_filter_samples":
+            if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _MOST_SAMPLES:
+                problems.append(
+                    f"{where}, {key}: found {shown(value)}, possible is a whole number from 1 to {_MOST_SAMPLES}."
+                )
+        elif key == "encoder":
+            if value not in ("joint", "motor"):
+                problems.append(f'{where}, {key}: found {shown(value)}, possible is "joint" or "motor".')
+        elif key not in known:
+            names = ", ".join((*known, "velocity_filter_samples", "encoder"))
+            problems.append(f"{where}: unknown key {key[:40]!r}; possible are {names}.")
+        elif (
+            isinstance(value, bool) or not isinstance(value, int | float) or not known[key][0] <= value <= known[key][1]
+        ):
+            low, high = known[key]
+            problems.append(f"{where}, {key}: found {shown(value)}, possible is a number from {low:g} to {high:g}.")
+    problems += [f"{where}: {key} is missing; state it." for key in ("kp", "kv") if key not in table]
+    if len(problems) > before:
+        return None
+    return Law(**table)
+
+
+def closed_loop(arm: Arm, log: Log, laws: tuple[Law, ...], window: float = math.inf) -> Replay:
+    """Replay a log with control laws that close the loop around the arm.
+
+    Args:
+        arm: The arm.
+        log: The log, with the joints' references.
+        laws: One law a joint.
+        window: The length of a window, s; inf: the whole log.
+
+    Returns:
+        The replay; its columns hold the commands too.
+
+    Raises:
+        LogError: The log has no reference, or does not fit the arm.
+        PlantError: The laws do not fit the arm, or the loop leaves all bounds.
+
+    """
+    check(arm, log)
+    _fits(arm, log, laws)
+    logged, _ = driven_by(arm, log, "command")
+    readings, m = Readings.of(arm, log), mechanical(arm)
+    starts = window_starts(log.time, window)
+    begun = np.stack([readings.state(arm, int(row)) for row in starts])
+    if not readings.say_all(arm) and len(starts) > 1:
+        acting, _ = acted_on(arm, log, logged, "command")
+        found = estimate(arm, log, readings, acting, starts[1:], np.zeros((len(log), arm.nx - m)))
+        begun[1:] = np.where(np.isfinite(found).all(1, keepdims=True), found, begun[1:])
+    states, inputs, hidden = np.empty((len(log), arm.nx)), logged.copy(), np.zeros(arm.nx - m)
+    for x, first, end in zip(begun, starts, np.append(starts[1:], len(log)), strict=True):
+        x[m:] = hidden
+        hidden = _window(arm, log, laws, x, range(int(first), int(end)), states, inputs)[m:]
+    lost = np.flatnonzero(~np.isfinite(states).all(1))
+    if len(lost):
+        raise PlantError(
+            f"{log.source}: the closed loop left all bounds by {log.time[lost[0]]:.4g} s; check signs, units and "
+            "torque_scale of the controller."
+        )
+    note = f"The stated law closes the loop in {len(starts)} window(s); logged commands are not used."
+    return _with_commands(
+        compare(arm, log, states, acted_on(arm, log, inputs, "command")[1], starts, [note]), arm, log, inputs
+    )
+
+
+def _fits(arm: Arm, log: Log, laws: tuple[Law, ...]) -> None:
+    if len(laws) != arm.n:
+        raise PlantError(f"the controller has {len(laws)} joint(s), the robot {arm.n}: write one [[joint]] for each.")
+    missing = [
+        f"joint_position_reference_{j}" for j in range(1, arm.n + 1) if f"joint_position_reference_{j}" not in log
+    ]
+    if missing:
+        raise LogError(
+            [f"{log.source}: {', '.join(missing)} is not logged, and the loop cannot be closed: log it, or map it."]
+        )
+
+
+class _Joint:
+    """The controller of one joint, with its encoder's readings in rad or m at the joint, as measured before the
+    window."""
+
+    def __init__(self, arm: Arm, log: Log, j: int, law: Law) -> None:
+        ratio = arm.parameters[f"ratio_{j}"]
+        self.law, self.time, self.period = law, log.time.tolist(), log.period
+        self.reference = log[f"joint_position_reference_{j}"].tolist()
+        units = {"motor": ratio, "joint": 1.0}
+        self.unit = units[law.encoder]
+        side = next(one for one in (law.encoder, *units) if f"{one}_position_{j}" in log)
+        self.seen = (log[f"{side}_position_{j}"] / units[side]).tolist()
+        self.step = float(arm.robot["joints"][j - 1]["sensor"][f"{law.encoder}_encoder_resolution"])
+
+    def command(self, row: int, angle: float) -> float:
+        """The command of ``row``, where the encoder's side stands at ``angle``."""
+        law = self.law
+        if self.step:
+            angle = round(angle / self.step) * self.step
+        self.seen[row] = angle / self.unit
+        back = max(row - law.velocity_filter_samples, 0)
+        missing = back - row + law.velocity_filter_samples  # rows before the log's first, in which it stood still
+        span = self.time[row] - self.time[back] + missing * self.period
+        velocity = (self.seen[row] - self.seen[back]) / span
+        output = law.kv * (law.kp * (self.reference[row] - self.seen[row]) - velocity)
+        return law.torque_scale * min(max(output, -law.limit), law.limit)
+
+
+def _window(arm: Arm, log: Log, laws: tuple[Law, ...], x: Array, rows: range, states: Array, inputs: Array) -> Array:
+    """Fill ``rows`` of ``states`` and of the motors' ``inputs``; return the state after the last row."""
+    joints = [_Joint(arm, log, j, law) for j, law in enumerate(laws, 1)]
+    u, h, now, then = inputs[rows[0]].copy(), np.empty(1), x.copy(), np.empty(arm.nx)
+    shapes = next(f["outputs"] for f in arm.manifest["functions"] if f["name"] == "outputs")
+    outputs = {name: np.empty(length) for name, length in shapes}
+    look = arm.module.bind("outputs", now, u, arm.c, *outputs.values())
+    move = arm.module.bind("step_exact", now, u, arm.c, h, then)
+    sides = [outputs[f"{law.encoder}_position"] for law in laws]
+    held = np.diff(log.time, append=log.time[-1])
+    parts = [arm.steps_in(float(span)) for span in held]
+    each = (held / parts).tolist()
+    stage = _stage(arm, inputs, held, rows[0])
+    for row in rows:
+        states[row] = now
+        u[arm.n :] = inputs[row, arm.n :]
+        look.run()
+        for j, (joint, side) in enumerate(zip(joints, sides, strict=True)):
+            angle = float(side[j])
+            if not math.isfinite(angle):
+                states[row:] = np.nan
+                return now
+            inputs[row, j] = joint.command(row, angle)
+        if held[row] <= 0:
+            continue
+        h[0] = each[row]
+        u[: arm.n] = stage.step(inputs[row, : arm.n], float(held[row]))
+        for _ in range(parts[row]):
+            move.run()
+            now[:] = then
+    return now
+
+
+def _stage(arm: Arm, inputs: Array, held: Array, first: int) -> InputStage:
+    """The input stage at row ``first``, after the commands of the rows before it."""
+    begin = max(0, first - _REMEMBERED)
+    stage = InputStage(arm, inputs[begin, : arm.n])
+    if arm.staged:
+        for row in range(begin, first):
+            stage.step(inputs[row, : arm.n], float(held[row]))
+    return stage
+
+
+def _with_commands(result: Replay, arm: Arm, log: Log, inputs: Array) -> Replay:
+    """``result`` with the simulated commands beside the logged ones."""
+    columns, errors, noise, relative = (
+        dict(result.columns),
+        dict(result.errors),
+        dict(result.noise),
+        dict(result.relative),
+    )
+    for j in range(1, arm.n + 1):
+        own = arm.input_names[j - 1]
+        name = own.replace("motor_current", "motor_current_command").replace("motor_torque", "motor_torque_command")
+        columns[name] = inputs[:, j - 1].copy()
+        if name in log:
+            errors[name] = float(np.sqrt(np.mean((columns[name] - log[name]) ** 2)))
+            noise[name] = describe(name, log[name]).noise
+            size = float(np.sqrt(np.mean(log[name] ** 2)))
+            if size:
+                relative[name] = errors[name] / size
+    return replace(result, columns=columns, errors=errors, noise=noise, relative=relative)

@@ -1,0 +1,275 @@
+"""The decision: what is named beside what, where none is in doubt, what counts as unknown, and the calibration."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hdagen.arm.arrays import Array
+from hdagen.diagnosis.decision import calibration
+from hdagen.diagnosis.decision.posterior import (
+    BEHIND,
+    FORM,
+    RARE,
+    Hypothesis,
+    _less,
+    _more,
+    _strange,
+    decide,
+    decided,
+    sizes,
+)
+from hdagen.diagnosis.inference.candidate_priors import Atom
+from hdagen.diagnosis.inference.multiple_shooting import Lane
+
+PLACES = {
+    "thermal_friction@2": "motor",
+    "position_dependent_friction@2": "motor",
+    "position_dependent_friction@1": "motor",
+    "current_bias@2": "motor",
+    "kinematic_error@1": "transmission",
+    "encoder_eccentricity@1": "sensor",
+    "backlash@1": "transmission",
+    "contact@1": "link",
+    "link_flexibility@1": "link",
+}
+
+
+@pytest.mark.parametrize(
+    ("leader", "companion", "sort"),
+    [
+        ("thermal_friction@2", "position_dependent_friction@2", True),
+        ("thermal_friction@2", "position_dependent_friction@1", False),  # the friction of another motor
+        ("thermal_friction@2", "current_bias@2", False),  # no friction
+        ("kinematic_error@1", "encoder_eccentricity@1", True),
+        ("kinematic_error@1", "position_dependent_friction@1", False),
+        ("backlash@1", "link_flexibility@1", True),
+        ("backlash@1", "contact@1", False),  # a wall mends no gear
+    ],
+)
+def test_what_may_only_make_up_for_a_formula_must_bring_a_share(leader: str, companion: str, sort: bool) -> None:
+    both = tuple(sorted((leader, companion)))
+    for share, said in ((0.9 * FORM, (leader,) if sort else both), (1.1 * FORM, both)):
+        evidence = {(): -50.0, (leader,): 0.0, (companion,): -49.0, both: 50.0 * share}
+        assert _less(both, {leader: 3.0, companion: 2.0}, evidence, PLACES) == said
+
+
+def test_a_companion_s_share_is_of_its_own_sort_s_gain_alone() -> None:
+    gear, friction, other = "encoder_eccentricity@1", "thermal_friction@2", "position_dependent_friction@2"
+    names = tuple(sorted((gear, friction, other)))
+    evidence = {(): -500.0, (gear,): -20.0, (gear, friction): 0.0, names: 5.0}
+    evidence |= {(gear, other): -19.0, tuple(sorted((friction, other))): -470.0}
+    size = dict.fromkeys(names, 2.0)
+    assert _less(names, size, evidence, PLACES) == names  # 5 of 20, though the gear's gain is 480
+    assert _less(names, size, evidence | {names: 3.0}, PLACES) == (gear, friction)
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "std", "there"),
+    [
+        (2.1, 0.1, False),  # one in thirty is
+        (RARE - 0.1, 0.1, False),
+        (RARE + 0.1, 0.1, True),
+        (-RARE - 0.1, 0.1, True),
+        (RARE + 0.1, 0.6, False),  # not told
+    ],
+)
+def test_what_hardly_a_parameter_is_off_by_is_there_though_it_is_not_meant(
+    tolerances: float, std: float, there: bool
+) -> None:
+    spike = 0.2  # usual sizes
+    atoms = [SimpleNamespace(name=name) for name in ("torque_constant@1", "payload@2", "current_bias@1")]
+    columns = [SimpleNamespace(atom=k, base=not k, spike=spike) for k in range(3)]
+    columns.append(SimpleNamespace(atom=-1, base=True, spike=1.0))  # a mass is no effect
+    mean = np.array([spike * tolerances, 0.5, 5.0, 3.0])
+    words = SimpleNamespace(atoms=atoms, columns=columns)
+    posterior = mean, np.diag([(spike * std) ** 2, 1e-6, 1e-6, 1e-6])
+    fit: Any = SimpleNamespace(design=SimpleNamespace(words=words), posterior=posterior, names=("payload@2",))
+    assert _more(fit) == (("payload@2", "torque_constant@1") if there else ("payload@2",))
+
+
+class Stands(SimpleNamespace):
+    """A fit that is told from others by what it is."""
+
+    __hash__ = object.__hash__
+
+
+def standing(mean: list[float], stood: list[float], came: float = 1.0) -> Any:
+    """A fit of a thermal friction and a bias that promises ``mean`` and stands at ``stood``."""
+    atoms = tuple(Atom(name, 2, "motor", (), {}, True) for name in ("thermal_friction", "current_bias"))
+    words = SimpleNamespace(atoms=atoms, free=list, theta=lambda p: p, counts=lambda k: 0.3)
+    words.names = lambda some: tuple(sorted(atoms[k].name for k in some))
+
+    def recalled(lane: Lane) -> tuple[None, Array]:
+        assert lane.memory is None and lane.p.tolist() == stood  # all windows, where it stands
+        return None, np.array([[0.9, 0.0], [0.9, 0.5 * came], [0.9, came]])  # three windows, states of two effects
+
+    arm = SimpleNamespace(state_names=("motor_position_1", "warmth_1", "warmth_2"))
+    point = SimpleNamespace(p=np.array(stood), begun=None)
+    design = SimpleNamespace(words=words, shooting=SimpleNamespace(arm=arm, recalled=recalled), point=point)
+    return Stands(atoms=(0, 1), design=design, posterior=(np.array(mean), None))
+
+
+@pytest.mark.parametrize("came", [1.0, 0.632, 0.151])
+def test_what_comes_over_time_counts_as_far_as_it_came(came: float) -> None:
+    found = sizes(standing([0.5, -0.7], [0.5, -0.7], came))
+    assert found == pytest.approx({"thermal_friction@2": 0.5 * came, "current_bias@2": 0.7})
+
+
+def test_a_size_that_no_step_came_to_does_not_count() -> None:
+    found = sizes(standing([0.9, -0.1], [0.24, -0.7]))
+    assert found == pytest.approx({"thermal_friction@2": 0.24, "current_bias@2": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("size", "leaves", "said"),
+    [
+        (0.2, 0.0, ()),  # both too small to count: nothing is missing
+        (0.5, 0.0, ("thermal_friction@2",)),
+        (0.2, 0.8, ("unknown@1",)),  # but what made up for much of a gap that stays, and is too small, explains none
+        (0.5, 0.8, ("thermal_friction@2",)),
+    ],
+)
+def test_a_set_that_was_not_fitted_itself_is_as_large_as_where_it_stands(
+    size: float, leaves: float, said: tuple[str, ...]
+) -> None:
+    assert decide(beside_a_bias(size, leaves)).verdict == said
+
+
+def beside_a_bias(size: float, leaves: float, alone: float | None = None) -> Any:
+    """A search that found a thermal friction that explains much beside a bias, and fitted it ``alone`` to that log
+    evidence, or not."""
+    both = ("current_bias@2", "thermal_friction@2")
+    fit = standing([size, -0.1], [size, -0.1])
+    worth = {(): -60.0, (0,): 0.0, (1,): -58.0, (0, 1): -2.0}
+    fit.names, fit.lesser, fit.evidence = both, list(worth), lambda _, atoms, worth=worth: worth[atoms]
+    words = fit.design.words
+    words.columns, words.spike = (), np.full(2, 0.05)
+    none = Stands(**{**vars(fit), "names": (), "atoms": (), "lesser": [()], "evidence": lambda *_: -60.0})
+    own = Stands(**{**vars(fit), "names": both[1:], "atoms": (0,), "lesser": [(0,)], "evidence": lambda *_: alone})
+    fitted = (fit, none) if alone is None else (fit, own, none)
+    for each in fitted:
+        each.temperature, each.excess, each.clean, each.reached = 12.0, 1.0, 0.0, -1.0 if each is fit else -60.0
+        each.unexplained = np.array([leaves if each is fit else 4.0 * leaves, 0.0])
+        each.score = SimpleNamespace(at=SimpleNamespace(level=1.0))
+    return SimpleNamespace(words=words, fitted=fitted, screened=[SimpleNamespace(atoms=(), evidence=-60.0)])
+
+
+@pytest.mark.parametrize(("alone", "done"), [(-1.0, True), (5.0, True), (1.0 - BEHIND, True), (-1.0 - BEHIND, False)])
+def test_a_fit_that_was_left_on_the_way_does_not_stand_for_its_set(alone: float, done: bool) -> None:
+    search = beside_a_bias(0.5, 0.0, alone)
+    found = decide(search)
+    assert found.verdict == ("thermal_friction@2",)
+    assert found.best is search.fitted[1 if done else 0]
+
+
+def test_what_was_not_worth_a_fit_is_none_as_far_as_it_is_too_small_to_count() -> None:
+    """Of a log that says nothing of it, the effect keeps what its prior gives it; of one that says that it is small,
+    next to nothing."""
+
+    def stated(large: float) -> float:
+        search = beside_a_bias(0.2, 0.0)
+        search.words.atoms += (Atom("payload", 1, "link", (), {}, True),)
+        search.screened.append(SimpleNamespace(atoms=(2,), evidence=-60.0, large=large))
+        search.fitted[0].evidence = lambda *_: -60.0
+        found = decide(search)
+        assert found.verdict == ()
+        return found.stated
+
+    none = [stated(large) for large in (0.0, 0.25, 1.0)]
+    assert none[0] == pytest.approx(1.0, abs=1e-12) and none[2] < 0.9
+    assert none[0] - none[1] == pytest.approx(0.25 * (none[0] - none[2]))
+
+
+def test_what_is_too_small_is_not_in_the_set() -> None:
+    names = ("current_bias@2", "thermal_friction@2")
+    assert _less(names, dict(zip(names, (0.99, 3.0), strict=True)), {(): -9.0, names: 0.0}, PLACES) == names[1:]
+
+
+@pytest.mark.parametrize(
+    ("probable", "said"),
+    [
+        ({"payload@2": 0.97, "": 0.02}, ("payload@2",)),
+        ({"payload@2": 0.7, "": 0.3}, ("payload@2",)),
+        ({"payload@2": 0.6, "": 0.39}, ()),  # an alarm needs more
+        ({"payload@2": 0.6, "stiffness@1": 0.38, "": 0.01}, ("payload@2",)),  # that there is one is in no doubt
+        ({"unknown@1": 0.6, "": 0.35}, ("unknown@1",)),
+        ({"unknown@1": 0.4, "payload@2": 0.3, "stiffness@1": 0.28, "": 0.02}, ("payload@2",)),  # one of two is there
+        ({"unknown@1": 0.2, "payload@2": 0.45, "": 0.35}, ()),
+        ({"": 0.9, "payload@2": 0.05}, ()),
+    ],
+)
+def test_no_effect_is_named_where_none_is_in_doubt(probable: dict[str, float], said: tuple[str, ...]) -> None:
+    fit: Any = "where it stands"
+    given = [Hypothesis((name,) if name else (), p, None if "unknown" in name else fit) for name, p in probable.items()]
+    found = decided(given, fit)
+    assert found.verdict == said
+    assert found.stated == probable["".join(said)]
+    assert next(h.probability for h in found.hypotheses if h.names == said) == found.probability
+    assert [h.probability for h in found.hypotheses] == sorted((h.probability for h in found.hypotheses), reverse=True)
+    np.testing.assert_allclose(sum(h.probability for h in found.hypotheses), 1.0)
+
+
+def fit(s: float, left: float, level: float = 1.0, lacks: float | None = None) -> Any:
+    """A fit that leaves that much, of the torque, and of the evidence unless that is given."""
+    at = SimpleNamespace(s=s, level=level)
+    reached = -100.0 * (left if lacks is None else lacks)
+    return SimpleNamespace(score=SimpleNamespace(at=at), reached=reached, clean=0.0, unexplained=np.array([left, 0.0]))
+
+
+def test_unknown_is_what_the_named_effects_leave_of_what_none_leaves() -> None:
+    assert _strange(fit(1.0, 3.0), fit(3.0, 3.1)) > 3  # nothing was told
+    assert _strange(fit(1.0, 0.5), fit(3.0, 3.1)) < 0.1  # a real machine, whose gap one effect tells
+    assert _strange(fit(0.01, 0.01), fit(0.01, 0.01)) < 0.01  # nothing to tell
+    assert _strange(fit(0.01, 3.0, level=5.0), fit(0.01, 3.0, level=9.0)) > 3  # no torque, but not noise either
+    assert _strange(fit(1.0, 3.0, lacks=0.1), fit(3.0, 3.1)) < 0.1  # a saturation: the torque stays unexplained
+    assert _strange(fit(1.0, 0.5, lacks=3.0), fit(3.0, 3.1)) < 0.1  # a large error, told for the most part
+    assert _strange(fit(30.0, 0.3), fit(90.0, 3.1)) < 0.1  # so is one whose motion is worth much of its torque
+    assert _strange(fit(30.0, 0.9), fit(90.0, 9.0)) < 0.5
+    assert _strange(fit(1.0, 0.1), fit(1.0, 0.1)) < 0.01  # a little of everything, of which nothing is told
+    assert _strange(fit(30.0, 2.9), fit(90.0, 3.1)) > 3  # unless little is told
+    sizes = [_strange(fit(1.0, torque), fit(3.0, 3.0)) for torque in (0.1, 0.5, 1.0, 2.0, 3.0)]
+    assert sizes == sorted(sizes)
+
+
+def frozen(temperature: float, path: Path, lapse: float = 0.0) -> calibration.Calibration:
+    losses = {"loss_before": 1.0, "loss_after": 0.5}
+    content = {"schema": 2, "temperature": temperature, "lapse": lapse, "seeds": [], "cases": 48, **losses}
+    path.write_text(json.dumps({**content, "sha256": calibration.digest(content)}))
+    return calibration.read(path)
+
+
+def test_a_calibrated_probability_is_less_sure_and_keeps_its_order(tmp_path: Path) -> None:
+    found = frozen(4.0, tmp_path / "c.json")
+    stated = np.array([0.51, 0.7, 0.9, 0.99, 1 - 1e-9, 1.0])
+    believed = np.array([found.believed(p) for p in stated])
+    assert (np.diff(believed) >= 0).all() and (believed <= stated).all() and (believed > 0.5).all()
+    assert believed[-1] == pytest.approx(believed[-2]) and believed[-1] < 0.98
+    assert found.believed(0.3) == 0.3
+    odds = believed[1] / (1 - believed[1])
+    assert odds**4 == pytest.approx(0.7 / 0.3)
+    same = frozen(1.0, tmp_path / "c.json")
+    assert same.believed(0.9) == pytest.approx(0.9)
+
+
+def test_nothing_is_believed_beyond_what_a_search_may_miss(tmp_path: Path) -> None:
+    few = frozen(1.0, tmp_path / "c.json", lapse=0.05)
+    assert [few.believed(p) for p in (0.3, 0.52, 0.6, 1.0)] == pytest.approx([0.3, 0.5, 0.57, 0.95], abs=1e-6)
+
+
+def test_the_calibration_that_comes_with_the_product_is_as_it_was_frozen(tmp_path: Path) -> None:
+    content = json.loads(calibration.FROZEN.read_text())
+    assert calibration.read().temperature == content["temperature"] >= 1.0
+    assert calibration.read().lapse == content["lapse"] >= 1.0 / (content["cases"] + 2)
+    content["temperature"] = 1.0 + content["temperature"]
+    changed = tmp_path / "calibration.json"
+    changed.write_text(json.dumps(content))
+    with pytest.raises(calibration.CalibrationError, match="not as it was frozen"):
+        calibration.read(changed)
+    with pytest.raises(calibration.CalibrationError, match="cannot be read"):
+        calibration.read(tmp_path / "none.json")

@@ -1,0 +1,257 @@
+"""Whatever a diagnosis finds, its sentences, pages and JSON are written: nothing named, all withdrawn, what was read
+off alone, no held-out interval, one channel, a joint that never moves."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import arms
+import numpy as np
+import pytest
+from compiled import Compiled
+from hypothesis import given
+from hypothesis import strategies as st
+from replayed import SENSORS, simulated
+
+from gen.effects import ALL
+from hdagen.adoption import verdict
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.gap import gap
+from hdagen.diagnosis.data.split import Portion, blocks
+from hdagen.diagnosis.decision.direct_evidence import Sure, beside
+from hdagen.diagnosis.decision.posterior import Decision, Hypothesis, decided
+from hdagen.diagnosis.holdout.holdout_check import choose_model
+from hdagen.diagnosis.holdout.unseen_motion import UnseenMotion
+from hdagen.diagnosis.holdout.verdict_withdrawal import known
+from hdagen.diagnosis.report import report_page
+from hdagen.diagnosis.report.sentences import confounded, sentence
+from hdagen.diagnosis.residuals.localization import where
+from hdagen.diagnosis.residuals.residual_torque import look
+from hdagen.fleet import fleet_page
+from hdagen.fleet.fleet_diagnosis import Result, Status, summary
+from hdagen.fleet.fleet_file import Machine
+from hdagen.log.measured_log import Log
+from hdagen.prediction.window_replay import replay
+
+FRICTION, BIAS, STRANGE = "coulomb_friction@1", "encoder_bias@1", "unknown@1"
+VERDICTS = ([], [FRICTION], [BIAS, FRICTION], [STRANGE], [BIAS, STRANGE])
+CHANNEL = {"joint_position_1": {"before": 30.0, "after": 2.0, "noise": 1e-6}}
+GAPS = [
+    {"before": before, "after": after, "flexible": flexible, "achievable": min(before, after, flexible or np.inf)}
+    | {"shrink": shrink, "interval": interval}
+    for before, after in ((0.9, 0.9), (1.1, 1.0), (50.0, 3.0), (5e3, 5e3))
+    for flexible in (None, 0.5, 2.0, 6e3)
+    for shrink, interval in ((None, None), (0.5, None), (0.5, [0.2, 0.9]))
+]
+
+
+def estimate(value: float, **changes: Any) -> dict[str, Any]:
+    return {"value": value, "std": 0.1 * value, "unit": "N m", "end": None} | changes
+
+
+def cause(name: str, probability: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    effect, _, joint = name.partition("@")
+    said = {"effect": effect, "joint": int(joint), "probability": probability, "parameters": dict(parameters)}
+    return said | {"confounded_with": ["backlash@1"] if probability < 0.9 else [], "separate_by": ""}
+
+
+CAUSES = [
+    cause(FRICTION, 0.8, {"coulomb_friction": estimate(0.1, end="high")}),
+    cause(BIAS, 0.95, {"encoder_bias": estimate(1e-3, std=None)}),
+    cause("backlash@1", 0.0, {}),
+]
+
+
+def content(said: list[str], sets: list[list[str]], **changes: Any) -> dict[str, Any]:
+    """diagnosis.json of a verdict and sets of effects, the most probable first."""
+    p = 0.5 ** np.arange(1, len(sets) + 1)
+    return {
+        "schema": 1,
+        "verdict": said,
+        "sure": False,
+        "where": [],
+        "causes": CAUSES,
+        "hypotheses": [{"effects": e, "probability": float(q / p.sum())} for e, q in zip(sets, p, strict=True)],
+        "parameters": {},
+        "unseen": [],
+        "doubted": None,
+        "contradicted": None,
+        "moments": [],
+        "alone": [],
+        "tolerated": [],
+        "small": [],
+        "remains": [],
+        "as_good_as_it_gets": False,
+        "method": {"calibrated": True},
+        "gap": GAPS[0] | {"floor": 1.0, "by_channel": CHANNEL},
+    } | changes
+
+
+SETS = [*map(list, itertools.permutations(VERDICTS, 2)), *([one] for one in VERDICTS)]
+MORE: dict[str, list[Any]] = {
+    "doubted": [None, *({"verdict": one, "joint": 1, "left": 0.9} for one in VERDICTS[:2])],
+    "causes": [CAUSES, []],
+    "unseen": [[], [FRICTION, BIAS]],
+    "parameters": [{}, {"mass_1": estimate(2.0)}],
+    "remains": [[], [{"joint": 1, "share": 0.5, "noise": 20.0}]],
+    "as_good_as_it_gets": [False, True],
+    "small": [[], [{"effect": "gravity_tilt", "joint": 0, "with": 2.0, "without": 2.1}]],
+    "tolerated": [[], [{"effect": "gravity_tilt", "joint": 0, "parameters": {}, "size": 0.1, "gap": 0.2}]],
+}
+
+
+@pytest.mark.parametrize("said", VERDICTS, ids=str)
+def test_every_sentence_is_written(said: list[str]) -> None:
+    """Where the set that is said is not among the hypotheses, or no set without effects is, too."""
+    one_changed = [(key, value) for key, values in MORE.items() for value in values]
+    for sets, told, (key, value) in itertools.product(SETS, GAPS, one_changed):
+        shown = content(said, sets, gap=told | {"floor": 1.0, "by_channel": CHANNEL}, **{key: value})
+        for text in (sentence(shown), confounded(shown)):
+            assert text and "nan" not in text and "None" not in text
+
+
+def test_what_was_read_off_and_withdrawn_leaves_no_gap() -> None:
+    said = sentence(content([], [[BIAS], [FRICTION]]))
+    assert said.startswith("There is no gap to explain, although the log may have encoder bias on joint 1 (0.67)")
+
+
+def test_a_fleet_is_told_of_every_result(tmp_path: Path) -> None:
+    shapes = [content(said, sets) for said in VERDICTS for sets in SETS] + [content([], [[]], causes=[])]
+    machine = Machine("one", "paper", Path("log.csv"), None, None)
+    results = [Result(machine, Status.DIAGNOSED, diagnosis=shape) for shape in shapes]
+    others = [Result(machine, status) for status in Status if status is not Status.DIAGNOSED]
+    for some in ([], others, results[-1:], results + others, *([one] for one in results)):
+        assert fleet_page.sentence(some)
+        json.dumps(summary(some), allow_nan=False)
+    for some in ([], others, results[-1:], results + others):
+        fleet_page.write(tmp_path / "fleet.html", Path("fleet.toml"), some)
+
+
+# -- decisions --------------------------------------------------------------------------------------------------------
+
+ATOMS = [SimpleNamespace(name=FRICTION, place="motor"), SimpleNamespace(name=BIAS, place="sensor")]
+FIT: Any = SimpleNamespace(design=SimpleNamespace(words=SimpleNamespace(atoms=ATOMS)))
+NAMES = ((FRICTION,), (BIAS,), (BIAS, FRICTION))
+
+
+@given(
+    weights=st.lists(st.floats(1e-12, 1.0), min_size=4, max_size=4),
+    strange=st.none() | st.floats(1e-6, 1.0),
+    alone=st.sampled_from([[], [Sure(BIAS, {"encoder_bias_1": 1e-3}, 0.1)]]),
+)
+def test_every_decision_can_be_said(weights: list[float], strange: float | None, alone: list[Sure]) -> None:
+    """Named, none, unknown, and beside each what is read off; the set that is said is among those that are listed."""
+    names = [(), *NAMES, *([(STRANGE,)] if strange else [])]
+    shares = [*weights, strange] if strange else weights
+    given_ = [
+        Hypothesis(n, w / sum(shares), None if n == (STRANGE,) else FIT) for n, w in zip(names, shares, strict=True)
+    ]
+    first = decided(given_, FIT)
+    second = beside(first, alone)
+    for found in (first, second, known(first), known(second), beside(known(first), alone)):
+        assert () in [h.names for h in found.hypotheses]
+        assert sum(h.probability for h in found.hypotheses) == pytest.approx(1.0)
+        assert found.verdict in [h.names for h in found.hypotheses]
+        for said in (list(found.verdict), [n for n in found.verdict if n.startswith("unknown@")]):  # or withdrawn
+            assert sentence(_told(found, said)) and confounded(_told(found, said))
+
+
+def _told(found: Decision, said: list[str]) -> dict[str, Any]:
+    sets = [{"effects": list(h.names), "probability": h.probability} for h in found.hypotheses]
+    return content(said, [[]], hypotheses=sets)
+
+
+def test_a_verdict_without_a_spring_is_replayed_with_rigid_drives() -> None:
+    """Though its parameters were fitted in a model that has springs, which are as good as rigid and no more."""
+    rigid: Any = SimpleNamespace(parameters=SimpleNamespace(described=dict.fromkeys(("coulomb_friction_1", "mass_1"))))
+    springs: Any = SimpleNamespace()
+    one: Any = SimpleNamespace(best=SimpleNamespace(design=SimpleNamespace(shooting=SimpleNamespace(arm=springs))))
+    said = content([FRICTION], [[FRICTION]], parameters={"mass_1": estimate(2.0)})
+    assert choose_model(rigid, one, said) is rigid
+    spring = cause("missing_compliance@1", 0.9, {"missing_compliance": estimate(1e-4)})
+    assert choose_model(rigid, one, content(["missing_compliance@1"], [[FRICTION]], causes=[spring])) is springs
+
+
+# -- pages ------------------------------------------------------------------------------------------------------------
+
+DRIVE = f"friction_smoothing = 1.0\n{SENSORS}"
+AT_JOINT_SCALE = (
+    arms.arm("R", rigid="r", drive=DRIVE)
+    .replace("ratio = 20.0", "ratio = 1.0")
+    .replace("motor_inertia = 0.00013", "motor_inertia = 0.05")
+    .replace("coulomb_friction = 0.03", "coulomb_friction = 0.2")
+)
+ROBOTS = {"joint scale": AT_JOINT_SCALE, "springs": arms.arm("R", drive=SENSORS)}
+
+
+def shown(log: Log, keep: str) -> Log:
+    """The channels that match."""
+    columns = {name: values for name, values in log.columns.items() if re.search(keep, name)}
+    return Log(log.time, columns, log.n_joints, log.source)
+
+
+def still(log: Log) -> Log:
+    """The same of a joint that never moves."""
+    moves = re.compile("position|current|torque|force")
+    columns = {n: np.zeros(len(v)) if moves.match(n.partition("_")[2]) else v for n, v in log.columns.items()}
+    return Log(log.time, columns, log.n_joints, log.source)
+
+
+LOGS: dict[str, Callable[[Log], Log]] = {
+    "all channels": lambda log: log,
+    "one channel": lambda log: shown(log, "command|joint_position"),
+    "measured input": lambda log: shown(log, "motor_(torque|current)_1|motor_position"),
+    "a joint that never moves": still,
+    "hardly any rows": lambda log: log.rows(0, 120),
+}
+SAID = {  # an effect of each kind of picture
+    "none": {},
+    "unknown": {STRANGE: {}},
+    "friction": {FRICTION: {"coulomb_friction": 0.25}},
+    "torque": {"current_bias@1": {"bias": 0.01}},
+    "input": {"command_delay@1": {"command_delay": 2e-3}},
+    "along": {"load_dependent_friction@1": {"load_share": 1e-3}},
+    "presliding": {"presliding_friction@1": {"presliding_share": 0.5, "presliding_angle": 0.02}},
+    "link": {"cable_spring@1": {"cable_stiffness": 5.0, "cable_rest": 0.0}},
+    "whole arm": {"gravity_tilt@0": {"tilt_x": 0.5}},
+    "encoder": {"sensor_delay@1": {"sensor_delay": 2e-3}},
+    "beside unknown": {BIAS: {"encoder_bias": 1e-3}, STRANGE: {}},
+}
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def one(request: pytest.FixtureRequest, build: Callable[..., Compiled]) -> tuple[Arm, Log]:
+    """An arm of one joint, with the effects that are said, and a log of it."""
+    named = {entry.partition("@")[0] for entries in SAID.values() for entry in entries}
+    arm = Arm(build(ROBOTS[request.param], effects=tuple(e.name for e in ALL if e.name in named)).folder)
+    return arm, simulated(arm, 1.6)
+
+
+@pytest.mark.parametrize("which", LOGS)
+def test_every_page_is_written(one: tuple[Arm, Log], which: str, tmp_path: Path) -> None:
+    arm, log = one[0], LOGS[which](one[1])
+    held = Portion(log, blocks(log.time))
+    before = replay(arm, log)
+    for k, entries in enumerate(SAID.values()):
+        effects = {name: values for name, values in entries.items() if name != STRANGE}
+        causes = [cause(n, 0.9, {key: estimate(v) for key, v in values.items()}) for n, values in effects.items()]
+        said = content(list(entries), [list(entries), []], causes=causes)
+        said |= {"parameters": {} if k % 2 else {"mass_1": estimate(4.6)}, "robot": {"name": "arm", "sha256": None}}
+        after = replay(arm, log, with_=verdict.read(said))
+        said |= {"gap": gap(before, after, held), "data": {"rate": 1e3, "duration": 1.6, "held_out": "blocks"}}
+        rung = {"effects": [], "probability": None, "gap": 2.0, "interval": None}
+        said |= {"ladder": [rung | {"model": model} for model in ("robot file", "verdict")]}
+        said |= {"control": {"refused": "no speed limit"} if k % 2 else None}
+        sight = look(arm, said, log, before, after)
+        said["where"] = where(sight, said, held.rows)
+        seen = UnseenMotion(held, lambda _: before, before, before, before)
+        found = SimpleNamespace(content=said, after=after, held_out=seen, sight=sight)
+        report_page.write(found, tmp_path / "report.html", "again")  # type: ignore[arg-type]
+        assert "</html>" in (tmp_path / "report.html").read_text(encoding="utf-8")
+        json.dumps(said, allow_nan=False)

@@ -1,0 +1,121 @@
+"""What works all the time: truths put into a motion that something unknown shakes are told, and nothing is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import arms
+import numpy as np
+import pytest
+from compiled import Compiled
+
+from hdagen.arm.compiled_arm import Arm
+from hdagen.diagnosis.data.split import Portion
+from hdagen.diagnosis.data.windows import record
+from hdagen.diagnosis.inference.multiple_shooting import Shooting
+from hdagen.diagnosis.initialization.candidate_list import dictionary
+from hdagen.diagnosis.initialization.initial_guess import suggested
+from hdagen.diagnosis.long_horizon import Lasting
+from hdagen.log.measured_log import Log
+from hdagen.prediction.window_replay import WINDOW
+
+Builder = Callable[..., Compiled]
+RUBBING = arms.arm("R", rigid="r", drive="[joint.limits]\ntorque = 20.0")
+ROBOT = RUBBING.replace("coulomb_friction = 0.03", "coulomb_friction = 0.0")
+EFFECTS = ("load_dependent_friction", "asymmetric_friction", "current_bias", "cable_spring", "quadratic_friction")
+COUNT = 1e-4  # rad, of the encoder
+HELD, SHAKEN = 5, 0.3  # rows for which the unknown torque holds, and its rms as a share of the command's
+SECONDS = 10.0
+
+
+def shaken(arm: Arm, seed: int, **truth: float) -> Log:
+    """A log of an arm with ``truth`` among its parameters, under sines and a torque that changes all the time, of
+    which the command says nothing."""
+    rng, names = np.random.default_rng(seed), list(arm.parameters.described)
+    p = arm.p.copy()
+    for name, value in truth.items():
+        p[names.index(name)] = value
+    time = np.arange(0.0, SECONDS, 2e-3)
+    swing = np.sin(2 * np.pi * np.outer(time, [0.5, 0.9, 1.3]) + rng.uniform(0, 6, 3)) @ [0.6, 0.5, 0.3]
+    command = 0.25 * swing
+    beside = SHAKEN * command.std() * np.repeat(rng.standard_normal(len(time) // HELD), HELD)
+    u = np.zeros((len(time), arm.nu))
+    u[:, 0] = command + beside
+    x = arm.at(p).rollout(arm.rest([-np.pi / 2]), u[:-1], np.diff(time), exact=True)
+    q = x[:, arm.index("joint_position_1")]
+    columns = {"motor_torque_command_1": command, "joint_position_1": np.round(q / COUNT) * COUNT}
+    return Log(time, {name: np.ascontiguousarray(values) for name, values in columns.items()}, 1, "shaken")
+
+
+def seen(arm: Arm, log: Log) -> Lasting:
+    """The search in the windows of a log."""
+    windows = record(arm, Portion.whole(log), WINDOW)
+    return Lasting(Shooting(arm, windows), dictionary(arm, suggested(arm, windows)), arm.p.copy())
+
+
+def told(arm: Arm, log: Log) -> tuple[tuple[str, ...], dict[str, float], float]:
+    """Names of what is told, the parameters with it, and what it leaves of the errors."""
+    lasting = seen(arm, log)
+    best, *others = lasting.found()
+    assert not best.atoms or others[-1].atoms == ()
+    assert all(best.cost < one.cost for one in others)
+    values = dict(zip(arm.parameters.described, lasting.at(lasting.within(best)), strict=True))
+    return lasting.words.names(best.atoms), values, float(np.sqrt(np.mean(best.errors**2)))
+
+
+@pytest.fixture(scope="module")
+def arm(build: Builder) -> Arm:
+    return Arm(build(ROBOT, "native", EFFECTS).folder)
+
+
+TRUTHS = {
+    "coulomb_friction@1": {"coulomb_friction_1": 0.08},
+    "load_dependent_friction@1": {"load_share_1": 0.3},
+    "cable_spring@1": {"cable_stiffness_1": 4.0},
+}
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", TRUTHS)
+def test_what_works_all_the_time_is_told_beside_what_shakes(arm: Arm, name: str, seed: int) -> None:
+    names, values, left = told(arm, shaken(arm, seed, **TRUTHS[name]))
+    assert names == (name,)
+    for parameter, value in TRUTHS[name].items():
+        assert values[parameter] == pytest.approx(value, rel=0.15)
+    assert left < 0.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_what_only_shakes_nothing_is_told(arm: Arm, seed: int) -> None:
+    assert told(arm, shaken(arm, seed))[0] == ()
+
+
+def test_what_would_not_show_is_not_told_and_what_would_is(arm: Arm) -> None:
+    nothing = seen(arm, shaken(arm, 0))
+    unseen = nothing.unseen(nothing.found()[-1])
+    words = nothing.words
+    for effect in ("payload", "current_bias", "quadratic_friction", "cable_spring"):
+        own = [c for c in words.columns if c.atom >= 0 and words.atoms[c.atom].effect == effect]
+        names, _, _ = told(arm, shaken(arm, 0, **{c.parameter: c.center + c.unit for c in own}))
+        assert names == (() if f"{effect}@1" in unseen else (f"{effect}@1",))
+    assert unseen == ["payload@1"]  # the links' masses are tolerated as far
+
+
+def test_of_two_that_differ_at_standstill_alone_one_is_guessed_and_the_other_said(build: Builder) -> None:
+    rubbing = Arm(build(RUBBING, "native", EFFECTS).folder)
+    lasting = seen(rubbing, shaken(rubbing, 0, bias_1=0.08))
+    first, *others, none = lasting.found()
+    twins = {"current_bias@1", "asymmetric_friction@1"}
+    (guessed,) = twins & set(lasting.words.names(first.atoms))
+    (other,) = twins - {guessed}
+    alike = [one for one in others if other in lasting.words.names(one.atoms)]
+    assert min(one.cost for one in alike) < first.cost + 2.0 * np.log(100.0)  # neither is out of the question
+    assert none.cost > first.cost + 2.0 * np.log(100.0)
+    names, values, _ = told(rubbing, shaken(rubbing, 0, load_share_1=0.3))
+    assert names == ("load_dependent_friction@1",)
+    assert values["load_share_1"] == pytest.approx(0.3, rel=0.15)
+
+
+def test_the_same_log_tells_the_same_to_the_bit(arm: Arm) -> None:
+    log = shaken(arm, 1, coulomb_friction_1=0.08)
+    assert told(arm, log) == told(arm, log)

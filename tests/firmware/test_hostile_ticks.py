@@ -1,0 +1,81 @@
+"""Ticks of every controller under hostile inputs, calls and floating-point environments: a legal torque, always.
+
+Each tick runs in an environment drawn at random (rounding, traps, flags that stand, subnormal numbers flushed) and
+again in the default one: the torque, the status and every bit of the context are the same, and the environment is
+given back.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from compiled import Compiled
+from compilers import COMPILERS, STRICT, compiled, compiler, said
+from guard_library import TEMPLATES, sizes
+from mpc_arms import built
+
+from hdagen.mpc.predictive_controller import MPC
+
+HERE = Path(__file__).parents[1] / "support"
+LAWS = ("control", "guard", "guard_calls", "guard_config", "laws", "limit", "model", "prepare")
+
+
+@pytest.mark.parametrize(
+    "name, ticks",
+    [
+        *((name, 20_000) for name in ("gcc", "gcc sanitized", "gcc 32 bit", "clang sanitized")),
+        *(pytest.param(name, 200_000, marks=pytest.mark.campaign) for name in COMPILERS),
+    ],
+)
+def test_every_law_holds_its_contract(build: Callable[..., Compiled], tmp_path: Path, name: str, ticks: int) -> None:
+    """Null pointers, refused configurations and the memory of refused ticks besides; no allocation."""
+    arm = build("paper")
+    gains = [np.array([g["nominal"] for g in law["gains"]]) for law in arm.manifest["controllers"]]
+    (tmp_path / "numbers").write_bytes(np.concatenate([arm.nominal, *gains]).tobytes())
+    sources = [HERE / "control_harness.c", *(arm.folder / f"hda_{part}.c" for part in LAWS)]
+    run = compiled(name, sources, [arm.folder], tmp_path / "harness")
+    assert int(said([run, tmp_path / "numbers", str(ticks)])) == ticks * len(gains) == ticks * 5
+
+
+@pytest.mark.parametrize(
+    "name, ticks, problems",
+    [
+        ("gcc", 4000, 3000),
+        ("gcc sanitized", 1000, 500),
+        ("gcc 32 bit", 2000, 1000),
+        ("clang sanitized", 1000, 500),
+        *(
+            pytest.param(name, ticks, ticks // 10, marks=pytest.mark.campaign)
+            for name in COMPILERS
+            for ticks in [100_000 if "sanitized" in name else 1_000_000]
+        ),
+    ],
+)
+def test_predictive_control_holds_its_contract(tmp_path: Path, name: str, ticks: int, problems: int) -> None:
+    """Adversarial problems for its solvers besides; no allocation."""
+    arm, configuration = built()
+    (tmp_path / "mpc_settings.h").write_text(MPC(arm, configuration).header())
+    parts = sorted(path for path in arm.folder.glob("hda_*.c") if not path.name.startswith("hda_python"))
+    run = compiled(name, [HERE / "mpc_harness.c", *parts], [arm.folder, tmp_path], tmp_path / "harness")
+    assert f"{ticks} ticks without an allocation" in said([run, str(ticks), str(problems)])
+
+
+def test_arithmetic_with_excess_precision_is_refused(tmp_path: Path) -> None:
+    """x87 compares numbers that no double holds: a limit would hold for them and not for the torque that is sent."""
+    command = [*compiler("gcc 32 bit"), "-mfpmath=387", *STRICT, f"-I{sizes(tmp_path, 2)}", f"-I{TEMPLATES}"]
+    made = subprocess.run(
+        [*command, "-fsyntax-only", str(TEMPLATES / "hda_limit.c")], capture_output=True, text=True, check=False
+    )
+    assert made.returncode != 0
+    assert "compile with -msse2 -mfpmath=sse" in made.stderr
+
+
+@pytest.mark.parametrize("name, flags", [("gcc", ("-DHDA_FLOAT_AS_IT_IS",)), ("gcc 32 bit", ("-ffreestanding",))])
+def test_the_guard_compiles_where_no_environment_is_held(tmp_path: Path, name: str, flags: tuple[str, ...]) -> None:
+    command = [*compiler(name), *STRICT, *flags, f"-I{sizes(tmp_path, 2)}", f"-I{TEMPLATES}", "-S", "-o", "-"]
+    assert "hda_guard_begin_held" in (made := said([*command, TEMPLATES / "hda_guard_calls.c"]))
+    assert not any(word in made for word in ("fegetenv", "ldmxcsr"))

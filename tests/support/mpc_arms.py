@@ -1,0 +1,32 @@
+"""Arms with a predictive controller, built once a session and machine, in the folder of the tests' other builds."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from functools import cache
+from pathlib import Path
+
+from hdagen.arm.compiled_arm import Arm, load
+from hdagen.mpc.configuration import Configuration, Wall, checked
+
+WALLS = (Wall((1.0, 0.0), 0.265, 2e4, 20.0), Wall((0.0, 1.0), 0.07))
+
+
+@cache
+def folder() -> Path:
+    """Where the builds lie."""
+    place = Path(os.environ.get("HDAGEN_BUILD") or Path(tempfile.gettempdir()) / f"hdagen-mpc-tests-{os.getuid()}")
+    place.mkdir(parents=True, exist_ok=True)
+    return place
+
+
+@cache
+def built(
+    robot: str = "paper", profile: str = "portable", nodes: int = 20, space: str = "tip", walls: int = 2, **more: float
+) -> tuple[Arm, Configuration]:
+    """An arm and a configuration that fits it; ``walls`` of them (far away beyond two)."""
+    c = checked({"mpc": {"nodes": nodes, "space": space}, "limits": {"tip_speed": 0.15, "sudden": 0.035}}, "test")
+    far = tuple(Wall((1.0, 0.0), 10.0 + k) for k in range(max(0, walls - 2)))
+    c = c.changed((*WALLS[:walls], *far), **more)
+    return load(robot, profile, out=folder(), mpc=c), c
